@@ -371,23 +371,25 @@ def wrong_link():
     strategies = ["gfs", "uts-wide", "exact", "horizon"]
     environment, offset, factor = (f"planner.link.{key}" for key in ["environment", "snr_offset_db", "k_db"])
     cases = []
-    for altitude, label in [("fixed", "dense urban, 50 m"), ("free", "dense urban, free altitude")]:
+    for altitude, link in [("fixed", "dense urban, 50 m"), ("free", "dense urban, free altitude")]:
         here = sight.at({"uav.altitude": altitude})
         others = ["suburban", "urban", "high-rise"]
-        cases.append((label, here, environment, "dense-urban", [(f"as {other}", other) for other in others]))
-    shifts = [(f"{shift:+d} dB", shift) for shift in [-10, -3, 3, 10]]
-    cases.append(("5 kHz, 300 m", snr, offset, 0, shifts))
-    cases.append(("the same with Rician fading, K = 0 dB", fading, factor, 0, [("as Rayleigh", -inf), ("as K = 20 dB", 20)]))
+        cases.append((link, here, environment, "dense-urban", [(f"as {other}", other) for other in others]))
+    cases.append(("5 kHz, 300 m", snr, offset, 0, [(f"{shift:+d} dB", shift) for shift in [-10, -3, 3, 10]]))
+    taken = [("as Rayleigh", -inf), ("as K = 20 dB", 20)]
+    cases.append(("the same with Rician fading, K = 0 dB", fading, factor, 0, taken))
+
+    def change(known, wrong):
+        before, after = ({row["seed"]: float(row["loss_rate"]) for row in part.rows} for part in [known, wrong])
+        return cell([after[seed] - before[seed] for seed in before], "+")
+
     rows = []
-    for label, missions, key, true, wrong in cases:
+    for link, missions, key, true, wrong in cases:
         known = missions.at({key: true})
-        rows.append([label, *(known.loss(strategy) for strategy in strategies)])
+        rows.append([link, *(known.loss(strategy) for strategy in strategies)])
         for label, value in wrong:
-            pairs = [
-                zip(known.where(strategy=strategy).values("loss_rate"), missions.at({key: value}).where(strategy=strategy).values("loss_rate"))
-                for strategy in strategies
-            ]
-            rows.append([label, *(cell([after - before for before, after in pair], "+") for pair in pairs)])
+            parts = [(part.where(strategy=name) for part in [known, missions.at({key: value})]) for name in strategies]
+            rows.append([label, *(change(*part) for part in parts)])
     return table("wrong-link", ["the link, and what plans take it for", *strategies], rows, f"seeds 1 to {snr.fields()}")
 
 

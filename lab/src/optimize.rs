@@ -232,6 +232,7 @@ fn with_search(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     change(scenario, |settings| {
         settings.knowledge = Knowledge::Oracle;
         settings.rates = Rates::Known;
+        settings.link = None;
     })
 }
 

@@ -300,6 +300,7 @@ fn a_refusal_says_what_is_expected_of_the_plan() {
         (SMALL, "2,25,45,0\n", "2,25,45,3\n", "is not served: expected one in range that no other UAV serves"),
         (SMALL, "2,25,45,0\n", "2.5,25,45,0\n", "expected a whole number as slot"),
         (SMALL, "2,25,45,0\n", "2,25,north,0\n", "expected a number as y_m"),
+        (SMALL, "2,25,45,0\n", "2,25,nan,0\n", "expected a position of finite numbers"),
         (SMALL, "2,25,45,0\n", "2,25,45,2 0\n", "from 0 on, ascending, separated by spaces"),
         ("sks-1000-200-fleet2", "slot,uav,", "slot,refused,", "column uav is missing"),
         ("sks-1000-200-fleet2", "\n1,1,", "\n1,2,", "expected uav 0 to 1"),
@@ -347,6 +348,9 @@ fn a_scenario_that_differs_in_a_key_is_refused_and_the_key_named() {
         let error = open.flown_by(Overrides { keys: vec![setting], ..Overrides::default() }).unwrap_err().to_string();
         assert!(error.contains(&format!("{key} = ")) && error.contains(&format!("as in {SMALL}")), "{error}");
     }
+    let setting: Setting = "sensors.deadline_s=5".parse().unwrap();
+    let error = open.flown_by(Overrides { keys: vec![setting], ..Overrides::default() }).unwrap_err().to_string();
+    assert!(error.ends_with(&format!("sensors.deadline_s = 5.0: expected no such key, as in {SMALL}")), "{error}");
     let free = ["planner.strategy=\"horizon\"", "planner.horizon.iterations=5", "seed=7"];
     let keys = free.map(|setting| setting.parse().unwrap()).to_vec();
     open.flown_by(Overrides { keys, ..Overrides::default() }).unwrap();
@@ -376,6 +380,10 @@ fn a_run_with_another_list_or_the_plans_of_another_instance_are_refused() {
     assert!(verify(&plans).is_err());
     let path = folder.path().join("plans.csv");
     fs::write(&path, plans_of(SMALL)).unwrap();
+    let unknown = Library::default().verify(std::slice::from_ref(&path), Some("sks-none"), &stop()).unwrap_err();
+    assert!(unknown.to_string().contains("sks-none: expected an instance"), "{unknown}");
+    let none = Library::default().verify(&[], None, &stop()).unwrap_err().to_string();
+    assert!(none.contains("flights none: expected a run folder or a plan file"), "{none}");
     let error = Library::default().verify(&[path], Some(&other.name), &stop()).unwrap_err().to_string();
     assert!(error.ends_with(&format!("it is of the instance {SMALL}: expected {}", other.name)), "{error}");
 }

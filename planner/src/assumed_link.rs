@@ -1,31 +1,29 @@
 //! `[planner.link]`: the link that plans reckon with, where it is not the true one.
 
 use serde::{Deserialize, Serialize};
-use skysink_common::channel::{Environment, LinkBudget, LinkModel};
+use skysink_common::channel::{Environment, K_DB, LinkBudget, LinkModel};
 use skysink_common::error::InputError;
 use skysink_common::keys::Accepts;
 use skysink_common::scenario::Scenario;
+use skysink_common::units::ratio_of_db;
 use strum::VariantNames;
 
-/// Errors of SNRs, and Rician K-factors.
+/// Errors of SNRs.
 const OFFSET_DB: Accepts = Accepts::Number("-60 to 60 dB", |offset_db| (-60.0..=60.0).contains(&offset_db));
-const K_DB: Accepts = Accepts::Number("-inf (Rayleigh), or -100 to 60 dB", |k_db| {
-    k_db == f64::NEG_INFINITY || (-100.0..=60.0).contains(&k_db)
-});
 
 skysink_common::keys! {
-    /// `[planner.link]`: what plans take the link for, to see what wrong knowledge costs. Rates are those of `[link]`.
+    /// `[planner.link]`: what plans take the link for, to see what wrong knowledge costs. What is flown has the rates of
+    /// `[link]`, and strategies that compare no rates fly as before. Those in Python see the true gains.
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct AssumedLink {
         /// By how much plans take SNRs for higher than they are [dB]; 0 if absent. With `link.model = "free-space"`,
-        /// `"probabilistic-los"` or `"buildings"`. Strategies that compare no rates fly as before, those in Python see the
-        /// true gains.
+        /// `"probabilistic-los"` or `"buildings"`.
         snr_offset_db: Option<f64>, OFFSET_DB;
         /// Rician K-factor that plans reckon with, instead of `link.k_db` [dB]; with `link.fading`.
         k_db: Option<f64>, K_DB;
-        /// Surroundings by whose probability of line of sight plans are made, instead of `link.environment` or `link.los`;
-        /// with `link.model = "probabilistic-los"`.
+        /// Surroundings by whose probability of line of sight plans are made, instead of `link.environment` or
+        /// `link.los`; with `link.model = "probabilistic-los"`.
         environment: Option<Environment>, Accepts::OneOf(Environment::VARIANTS);
     }
 }
@@ -44,12 +42,15 @@ impl AssumedLink {
                 offset_db.into(),
                 "it only with a law of the link, not with the rates or SNRs of a file or a preset",
             ),
-            Self { k_db: Some(k_db), .. } if link.fading.is_none() || is_measured => {
+            Self { k_db: Some(k_db), .. } if link.fading.is_none() => {
                 refuse("k_db", k_db.into(), "it only with link.fading")
             }
             Self { environment: Some(environment), .. } if link.model != LinkModel::ProbabilisticLos => {
                 let name = Environment::VARIANTS[environment as usize];
                 refuse("environment", name.into(), "it only with link.model = \"probabilistic-los\"")
+            }
+            Self { snr_offset_db: None, k_db: None, environment: None } => {
+                Err(scenario.refusal("planner.link", &toml::Table::new().into(), "one of its keys, or no such table"))
             }
             _ => Ok(()),
         }
@@ -58,7 +59,7 @@ impl AssumedLink {
     /// The link `planned` as plans take it.
     #[must_use]
     pub(crate) fn of(&self, planned: LinkBudget) -> LinkBudget {
-        let tx_power_w = planned.tx_power_w * 10f64.powf(self.snr_offset_db.unwrap_or(0.0) / 10.0);
+        let tx_power_w = planned.tx_power_w * ratio_of_db(self.snr_offset_db.unwrap_or(0.0));
         LinkBudget {
             tx_power_w,
             k_db: self.k_db.or(planned.k_db),
@@ -86,7 +87,11 @@ mod tests {
 
     /// Expected rates that plans reckon with.
     fn rates_bps(link: &str, assumed: &str) -> Vec<f64> {
-        let channel = Settings::channel(&parse(link, assumed));
+        let mut scenario = parse(link, assumed);
+        if assumed.is_empty() {
+            scenario.planner.others.clear();
+        }
+        let channel = Settings::channel(&scenario);
         let away = (0..30).map(|step| f64::from(step * step));
         away.map(|d2_m2| channel.expected_rate_bps(&Uplink::at(1e-6, d2_m2, 20.0))).collect()
     }
@@ -117,6 +122,7 @@ mod tests {
             ("", "k_db = 3.0", "planner.link.k_db = 3.0: expected it only with link.fading"),
             ("", "snr_offset_db = 61.0", "planner.link.snr_offset_db = 61.0: expected -60 to 60 dB"),
             ("", "gain = 1", "planner.link.gain"),
+            ("", "", "planner.link = {}: expected one of its keys"),
         ];
         for (link, assumed, expected) in cases {
             let message = check(&parse(link, assumed)).unwrap_err().to_string();

@@ -74,7 +74,7 @@ impl Settings {
             () if is_heard && link.beacon_radius_m.is_none() => {
                 refuse("link.beacon_radius_m, within which SNRs are heard, beside it")
             }
-            () if self.link.is_some() => refuse("none beside [planner.link], by which links are assumed"),
+            () if self.link.is_some() => refuse("it without the table [planner.link]"),
             () if links != LinkKnowledge::Map && is_map && link.law().is_none() => {
                 refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it")
             }
@@ -108,13 +108,20 @@ impl Settings {
     }
 
     /// The channel of `scenario` as plans reckon with it.
+    ///
+    /// # Panics
+    /// If `[planner]` was not checked.
     #[must_use]
     pub fn channel(scenario: &Scenario) -> Channel {
         let planned = scenario.link.planned();
-        let assumed = scenario.planner.others.contains_key("link").then(|| Self::of(scenario).ok()?.link).flatten();
-        let channel = Channel::of(&assumed.map_or_else(|| planned.clone(), |assumed| assumed.of(planned.clone())));
-        let links = scenario.link.law().and_then(|_| Self::of(scenario).ok()?.links);
-        match (links, scenario.link.law()) {
+        let is_assumed = scenario.planner.others.contains_key("link");
+        let law = scenario.link.law();
+        if !is_assumed && law.is_none() {
+            return Channel::of(&planned);
+        }
+        let Self { links, link, .. } = Self::of(scenario).expect("a checked scenario");
+        let channel = Channel::of(&link.map_or_else(|| planned.clone(), |assumed| assumed.of(planned.clone())));
+        match (links, law) {
             (Some(LinkKnowledge::Law), Some(law)) => channel.by_law(law),
             (Some(LinkKnowledge::Heard), Some(law)) => channel.by_law(LinkLaw { is_heard: true, ..law }),
             _ => channel,

@@ -84,7 +84,12 @@ const LINKS: &[Row] = &[
         ..ROW
     },
     Row { settings: MAP, decisive: HEARD, strategies: &["horizon"], ..ROW },
-    Row { settings: "link.bandwidth_hz=5e3", decisive: "planner.link.snr_offset_db=-20", strategies: &["uts"], ..ROW },
+    Row {
+        settings: "link.bandwidth_hz=5e3 link.fading=rician",
+        decisive: "planner.link.snr_offset_db=-20 planner.link.k_db=-10",
+        strategies: &["uts", "horizon uav.count=2 uav.coordination=sequential"],
+        ..ROW
+    },
     Row { settings: MAP, decisive: HEARD, strategies: &["uts uav.count=2 uav.coordination=sequential"], ..ROW },
     Row { settings: MAP, decisive: HEARD, strategies: &["max-weight uav.count=2 uav.coordination=partition"], ..ROW },
 ];

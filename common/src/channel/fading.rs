@@ -22,7 +22,7 @@ pub(crate) const ONLY: Only =
     Only { key: "fading", values: &["rician"], expected: Some("it only with fading = \"rician\"") };
 
 /// Rician factors.
-pub(crate) const K_DB: Accepts = Accepts::Number("-inf (Rayleigh), or -100 to 60 dB", |k_db| {
+pub const K_DB: Accepts = Accepts::Number("-inf (Rayleigh), or -100 to 60 dB", |k_db| {
     k_db == f64::NEG_INFINITY || (-100.0..=60.0).contains(&k_db)
 });
 

@@ -26,7 +26,7 @@ use strum::VariantNames;
 
 pub use buildings::Buildings;
 pub(crate) use fading::SHADOWING_DB;
-pub use fading::{Fading, FadingModel};
+pub use fading::{Fading, FadingModel, K_DB};
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
 pub use heard::{BYTES_PER_HEARD, HEARD_SNRS, HeardLinks, SavedHeard};

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, HashSet};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::shard::Shard;
@@ -19,7 +19,8 @@ pub struct Definition {
     pub version: String,
     /// Dotted names of the swept keys.
     pub keys: Vec<String>,
-    /// The values of the keys, by point of the grid; the last key varies fastest.
+    /// The values of the keys, by point of the grid; the last key varies fastest. Infinite ones are strings in JSON.
+    #[serde(serialize_with = "serialize_points", deserialize_with = "deserialize_points")]
     pub points: Vec<Vec<toml::Value>>,
     /// Names of the strategies, in the order of the results.
     pub strategies: Vec<String>,
@@ -31,6 +32,38 @@ pub struct Definition {
     pub models: Vec<(String, String)>,
     /// Seeds, ascending. All strategies use the same seeds and thus the same fields.
     pub seeds: Vec<u64>,
+}
+
+/// Infinities, which JSON does not have.
+const INFINITE: [&str; 2] = ["-inf", "inf"];
+
+fn serialize_points<S: Serializer>(points: &[Vec<toml::Value>], serializer: S) -> Result<S::Ok, S::Error> {
+    let text = |value: &toml::Value| match value.as_float() {
+        Some(number) if number.is_infinite() => Some(number.to_string().into()),
+        _ => None,
+    };
+    let points = points.iter().map(|point| point.iter().map(|value| replaced(value, &text)).collect::<Vec<_>>());
+    serializer.collect_seq(points)
+}
+
+fn deserialize_points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Vec<toml::Value>>, D::Error> {
+    let number = |value: &toml::Value| {
+        let name = value.as_str().filter(|name| INFINITE.contains(name))?;
+        Some(name.parse::<f64>().expect("a number").into())
+    };
+    let points = Vec::<Vec<toml::Value>>::deserialize(deserializer)?;
+    Ok(points.iter().map(|point| point.iter().map(|value| replaced(value, &number)).collect()).collect())
+}
+
+/// A value with others instead of its parts, where there are.
+fn replaced(value: &toml::Value, other: &dyn Fn(&toml::Value) -> Option<toml::Value>) -> toml::Value {
+    match value {
+        toml::Value::Array(values) => values.iter().map(|value| replaced(value, other)).collect::<Vec<_>>().into(),
+        toml::Value::Table(table) => {
+            table.iter().map(|(key, value)| (key.clone(), replaced(value, other))).collect::<toml::Table>().into()
+        }
+        _ => other(value).unwrap_or_else(|| value.clone()),
+    }
 }
 
 impl Definition {
@@ -124,4 +157,28 @@ pub struct MissionKey {
     pub strategy: usize,
     /// The seed.
     pub seed: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn infinite_values_are_kept_in_json() {
+        let inner: toml::Value = vec![toml::Value::Float(f64::INFINITY), "inf or so".into()].into();
+        let definition = Definition {
+            identity: String::new(),
+            grid: String::new(),
+            version: String::new(),
+            keys: Vec::new(),
+            points: vec![vec![f64::NEG_INFINITY.into(), 300.0.into()], vec![inner, 3.into()]],
+            strategies: Vec::new(),
+            sources: BTreeMap::new(),
+            models: Vec::new(),
+            seeds: Vec::new(),
+        };
+        let text = serde_json::to_string(&definition).unwrap();
+        assert!(text.contains(r#""points":[["-inf",300.0],[["inf","inf or so"],3]]"#), "{text}");
+        assert_eq!(serde_json::from_str::<Definition>(&text).unwrap(), definition);
+    }
 }

@@ -1,5 +1,6 @@
 //! Tests of missions in one process.
 
+mod assumed_link;
 mod battery;
 mod expiry;
 mod fleet;

@@ -26,18 +26,11 @@ const FARTHEST_M: f64 = 1e9;
 /// Neighbours among which the nearest disk without a turn is looked for first.
 const NEIGHBOURS: usize = 16;
 
-/// Rounds that a process keeps, those asked for last, of at most [`MANY`] disks each: UAVs of a fleet and missions of a
-/// sweep fly over the same field.
-const KEPT: usize = 16;
+/// Rounds that a process keeps, of at most [`MANY`] disks each: some MB. Each UAV of a fleet, and many missions of a
+/// sweep, fly over a field for which there is one already.
+const KEPT: usize = 64;
 
-/// A round that is kept, and what it was found for.
-struct KeptTurns {
-    centres: Vec<Position>,
-    radius_m: f64,
-    turns: Turns,
-}
-
-static KEPT_TURNS: Mutex<VecDeque<KeptTurns>> = Mutex::new(VecDeque::new());
+static KEPT_TURNS: Mutex<KeptTurns> = Mutex::new(KeptTurns(VecDeque::new()));
 
 /// The turns of disks.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -61,36 +54,15 @@ impl Turns {
             let steps = STEPS * MANY as u64 / centres.len() as u64;
             return Self::of_round(centres, radius_m, RoundEffort::Steps(steps), stop);
         }
-        Self::kept(centres, radius_m).unwrap_or_else(|| {
+        let kept = || KEPT_TURNS.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = kept().find(centres, radius_m);
+        found.unwrap_or_else(|| {
             let turns = Self::of_round(centres, radius_m, RoundEffort::Steps(STEPS), stop);
             if stop.requested().is_none() {
-                turns.keep(centres, radius_m);
+                kept().keep(centres, radius_m, &turns);
             }
             turns
         })
-    }
-
-    /// The turns that were found before for the same disks.
-    fn kept(centres: &[Position], radius_m: f64) -> Option<Self> {
-        let mut kept = KEPT_TURNS.lock().unwrap_or_else(PoisonError::into_inner);
-        let bits = |point: &Position| [point.x.to_bits(), point.y.to_bits()]; // 0 and -0 differ, too
-        let is_same = |one: &KeptTurns| {
-            one.radius_m.to_bits() == radius_m.to_bits() && one.centres.iter().map(bits).eq(centres.iter().map(bits))
-        };
-        let found = kept.iter().position(is_same)?;
-        let found = kept.remove(found)?;
-        let turns = found.turns.clone();
-        kept.push_back(found);
-        Some(turns)
-    }
-
-    /// Keeps these turns, instead of those that were not asked for the longest.
-    fn keep(&self, centres: &[Position], radius_m: f64) {
-        let mut kept = KEPT_TURNS.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() >= KEPT {
-            kept.pop_front();
-        }
-        kept.push_back(KeptTurns { centres: centres.to_vec(), radius_m, turns: self.clone() });
     }
 
     /// The turns of a round. Disks that have no stop of their own are touched where it is nearest to them.
@@ -156,6 +128,34 @@ impl Turns {
     }
 }
 
+/// Turns that were found, and of which disks; those asked for last at the end.
+struct KeptTurns(VecDeque<(Vec<Position>, f64, Turns)>);
+
+impl KeptTurns {
+    /// Those of disks about `centres`, to the bit.
+    fn find(&mut self, centres: &[Position], radius_m: f64) -> Option<Turns> {
+        let bits = |point: &Position| [point.x.to_bits(), point.y.to_bits()]; // 0 and -0 differ, too
+        let found = self.0.iter().position(|(others, other_m, _)| {
+            other_m.to_bits() == radius_m.to_bits() && others.iter().map(bits).eq(centres.iter().map(bits))
+        });
+        let found = self.0.remove(found?)?;
+        let turns = found.2.clone();
+        self.0.push_back(found);
+        Some(turns)
+    }
+
+    /// Keeps turns in the place of the least recently used, unless another thread has kept them.
+    fn keep(&mut self, centres: &[Position], radius_m: f64, turns: &Turns) {
+        if self.find(centres, radius_m).is_some() {
+            return;
+        }
+        if self.0.len() >= KEPT {
+            self.0.pop_front();
+        }
+        self.0.push_back((centres.to_vec(), radius_m, turns.clone()));
+    }
+}
+
 /// Whether lengths around `centre` can be computed: hostile messages may have any coordinates.
 fn is_measurable(centre: &Position) -> bool {
     centre.iter().all(|coordinate_m| coordinate_m.abs() <= FARTHEST_M)
@@ -211,16 +211,29 @@ mod tests {
     }
 
     #[test]
-    fn kept_turns_are_those_of_a_new_search() {
+    fn turns_of_a_field_that_was_flown_over_are_those_of_a_new_search() {
         let centres: Vec<Position> = (0..30).map(|step| at(f64::from(step * 47 % 360))).collect();
-        let found = Turns::new(&centres, 2.5, &Stop::default());
-        assert_eq!(Turns::kept(&centres, 2.5).as_ref(), Some(&found));
-        assert_eq!(Turns::of_round(&centres, 2.5, RoundEffort::Steps(STEPS), &Stop::default()), found);
-        assert_eq!((Turns::kept(&centres, 2.6), Turns::kept(&centres[1..], 2.5)), (None, None));
-        let stop = Stop::default();
-        stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
-        let _ = Turns::new(&centres, 2.7, &stop);
-        assert_eq!(Turns::kept(&centres, 2.7), None, "a search that was stopped");
+        let searched = Turns::of_round(&centres, 2.5, RoundEffort::Steps(STEPS), &Stop::default());
+        for _ in 0..2 {
+            assert_eq!(Turns::new(&centres, 2.5, &Stop::default()), searched);
+        }
+    }
+
+    #[test]
+    fn the_least_recently_used_turns_are_dropped_first() {
+        let mut kept = KeptTurns(VecDeque::new());
+        let centres = |field: usize| vec![Position::new(field as f64, 0.0), Position::new(9.0, 0.0)];
+        let turns = |field: usize| Turns { order: vec![field as u32], points: Vec::new() };
+        for field in 0..KEPT {
+            kept.keep(&centres(field), 1.0, &turns(field));
+            kept.keep(&centres(field), 1.0, &turns(field)); // of another thread
+        }
+        assert_eq!(kept.0.len(), KEPT);
+        assert_eq!(kept.find(&centres(0), 1.0), Some(turns(0)));
+        kept.keep(&centres(KEPT), 1.0, &turns(KEPT));
+        assert_eq!((kept.find(&centres(0), 1.0), kept.find(&centres(1), 1.0)), (Some(turns(0)), None));
+        let other = [Position::new(-0.0, 0.0), Position::new(9.0, 0.0)];
+        assert_eq!((kept.find(&centres(0), 1.1), kept.find(&other, 1.0)), (None, None));
     }
 
     #[test]

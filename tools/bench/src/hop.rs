@@ -1,12 +1,12 @@
-//! The lower bound of a slot: its messages passed around three processes by bare iceoryx2, and read by a fourth, which in
-//! the ring records them.
+//! The lower bound of a slot: its messages passed around three processes by bare iceoryx2, and read by a fourth, which
+//! in the ring records them.
 //!
 //! Each process waits for the message of the one before it and sends its own, as large as the ring's: queues, plan,
 //! flight report. Nothing is planned, flown or saved.
 
-use std::env;
 use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader};
+use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread;
@@ -19,6 +19,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use serde::Serialize;
+use skysink::run::executables;
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
@@ -35,8 +36,8 @@ use crate::setting::nanoseconds;
 /// Messages on the critical path of a slot, and processes that pass them on; the process after them reads all.
 const HOPS: usize = 3;
 
-/// The first argument of these processes, which are this executable. Then follow the folder of the ring, the number of the
-/// process, the length of its message, the rounds, and how it waits.
+/// The first argument of the other processes, which are this executable. Then follow the folder of the ring, the number
+/// of the process, the length of its message, the rounds, and how it waits.
 pub const PROGRAM: &str = "hop";
 
 /// Rounds before the first that is timed.
@@ -73,10 +74,9 @@ pub fn time(case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
     stop.check()?;
     let folder = RingFolder::create(Terms { wait: case.wait, timeout_s: TIMEOUT.as_secs_f64(), ..Terms::default() })?;
     let ports = Ports::open(&folder, 0, message_bytes(case, 0))?;
-    let others: Result<Vec<Other>, _> = (1..=HOPS).map(|index| Other::start(&folder, case, index)).collect();
-    let others = others?;
+    let others: Vec<Other> = (1..=HOPS).map(|index| Other::start(&folder, case, index)).collect::<Result<_, _>>()?;
     let times = ports.time_rounds(case, stop);
-    drop(others);
+    others.into_iter().try_for_each(Other::end)?;
     times
 }
 
@@ -86,15 +86,24 @@ struct Other(Child);
 impl Other {
     /// Starts the process `index`, and waits until its ports are open.
     fn start(folder: &RingFolder, case: RingCase, index: usize) -> Result<Self, BenchError> {
-        let program = env::current_exe().at("skysink-bench".as_ref())?;
+        let (program, words) = executables::command_of(PROGRAM).at("skysink-bench".as_ref())?;
         let mut command = Command::new(&program);
-        command.arg(PROGRAM).arg(folder.path());
+        command.args(words).arg(folder.path());
         let bytes = if index < HOPS { message_bytes(case, index) } else { 0 };
         command.args([index as u64, bytes as u64, WARM_UP + case.slots].map(|number| number.to_string()));
         command.arg(case.wait.to_string()).stdin(Stdio::null()).stdout(Stdio::piped());
+        command.process_group(0); // Ctrl-C ends the measurement, which ends this process
         let mut other = Self(command.spawn().at(&program)?);
         let said = BufReader::new(other.0.stdout.take().expect("it is piped")).lines().next();
-        if said.is_some() { Ok(other) } else { Err(failed("a process has ended before it began")) }
+        if let Some(Ok(_)) = said { Ok(other) } else { Err(failed("a process has ended before it began")) }
+    }
+
+    /// Ends it; an error if it has failed before.
+    fn end(mut self) -> Result<(), BenchError> {
+        match self.0.try_wait() {
+            Ok(Some(status)) if !status.success() => Err(failed(format_args!("a process has ended: {status}"))),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -118,36 +127,36 @@ pub fn program(arguments: &[OsString]) -> ExitCode {
 
 /// Answers each message with the next one, or reads all.
 fn forward(arguments: &[OsString]) -> Result<(), BenchError> {
-    let words: Vec<&str> = arguments.iter().filter_map(|word| word.to_str()).collect();
-    let [_, folder, index, bytes, rounds, wait] = words[..] else {
-        return Err(failed("expected a folder and numbers"));
-    };
-    let number = |word: &str| word.parse::<u64>().map_err(failed);
-    let wait = Waiting::ALL.iter().find(|one| one.to_string() == wait).copied().ok_or_else(|| failed(wait))?;
+    const EXPECTED: &str = "hop: expected a folder, three numbers and a wait";
+    let [_, folder, numbers @ .., wait] = arguments else { return Err(failed(EXPECTED)) };
+    let numbers: Option<Vec<u64>> = numbers.iter().map(|word| word.to_str()?.parse().ok()).collect();
+    let wait: Option<Waiting> = wait.to_str().and_then(|word| word.parse().ok());
+    let (Some(&[index, bytes, rounds]), Some(wait)) = (numbers.as_deref(), wait) else { return Err(failed(EXPECTED)) };
     let folder = RingFolder::open(Path::new(folder))?;
-    let index = number(index)? as usize;
+    let index = index as usize;
+    let stop = Stop::default();
     if index == HOPS {
-        return read_all(&folder, wait);
+        return read_all(&folder, wait, &stop);
     }
-    let message = vec![7; number(bytes)? as usize];
+    let message = vec![7; bytes as usize];
     let ports = Ports::open(&folder, index, message.len())?;
     println!();
-    for _ in 0..number(rounds)? {
-        ports.inlet.receive(wait)?;
+    for _ in 0..rounds {
+        ports.inlet.receive(wait, &stop)?;
         ports.send(&message)?;
     }
     Ok(())
 }
 
 /// Reads the messages of all processes until it is killed. As in the ring, those of the first wake it.
-fn read_all(folder: &RingFolder, wait: Waiting) -> Result<(), BenchError> {
+fn read_all(folder: &RingFolder, wait: Waiting, stop: &Stop) -> Result<(), BenchError> {
     let node = node(folder)?;
     let first = Inlet::open(&node, 0)?;
     let others: Result<Vec<Messages>, _> = (1..HOPS).map(|index| subscriber(&node, index)).collect();
     let others = others?;
     println!();
     loop {
-        first.receive(wait)?;
+        first.receive(wait, stop)?;
         for other in &others {
             while other.receive().map_err(failed)?.is_some() {}
         }
@@ -196,10 +205,11 @@ impl Inlet {
         })
     }
 
-    fn receive(&self, wait: Waiting) -> Result<(), BenchError> {
+    fn receive(&self, wait: Waiting, stop: &Stop) -> Result<(), BenchError> {
         let begin = Instant::now();
         let mut polls = 0;
         while begin.elapsed() < TIMEOUT {
+            stop.check()?;
             if let Some(sample) = self.subscriber.receive().map_err(failed)? {
                 std::hint::black_box(sample.payload().len());
                 return Ok(());
@@ -242,7 +252,7 @@ impl Ports {
             thread::sleep(next.saturating_duration_since(Instant::now()));
             let begin = Instant::now();
             self.send(&message)?;
-            self.inlet.receive(case.wait)?;
+            self.inlet.receive(case.wait, stop)?;
             if round >= WARM_UP {
                 times.saturating_record(nanoseconds(begin));
                 next = next.max(begin) + period;

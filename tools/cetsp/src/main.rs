@@ -28,7 +28,7 @@ struct Request {
     start_m: Option<[f64; 2]>,
     /// Whether it ends where it begins.
     is_closed: bool,
-    /// Of the random numbers of the search.
+    /// Seed of the random numbers of the search; 0 if absent.
     #[serde(default)]
     seed: u64,
     round: Effort,
@@ -80,7 +80,7 @@ fn answer(request: &Request) -> Result<Answer, String> {
     let centres: Vec<Position> = centres_m.iter().copied().map(Position::from).collect();
     let start = start_m.map(Position::from);
     let disks = Disks { centres: &centres, radius_m: *radius_m, start, is_closed: *is_closed };
-    let round = disks.round_by(request.seed, request.round.checked()?, &Stop::default());
+    let round = disks.seeded_round(request.seed, request.round.checked()?, &Stop::default());
     let effort = request.bound.map(Effort::checked).transpose()?;
     let bound_m = effort.map(|effort| bound::bound_m(&disks.field(), round.length_m, effort));
     let points_m = round.points.iter().map(|&point| point.into()).collect();

@@ -34,7 +34,7 @@ fn square(changes: Value) -> Value {
 #[test]
 fn each_request_is_answered_and_equal_ones_equally() {
     let from_start = json!({"start_m": [25.0, 25.0], "is_closed": false, "bound": null, "round": {"seconds": 0.05}});
-    let answers = ask(&[square(json!({})), square(json!({})), square(from_start)]).unwrap();
+    let answers = ask(&[square(json!({})), square(json!({"seed": 0})), square(from_start)]).unwrap();
     assert_eq!((answers.len(), &answers[0]), (3, &answers[1]));
     // On the diagonals: 4 (a − √2 r).
     let expected_m = 4.0 * (50.0 - 10.0 * 2f64.sqrt());
@@ -45,6 +45,18 @@ fn each_request_is_answered_and_equal_ones_equally() {
     assert_eq!(answers[2]["points_m"][0], json!([25.0, 25.0]));
     assert_eq!(answers[2]["order"].as_array().unwrap().len(), 4);
     assert!(answers[2]["bound_m"].is_null(), "{}", answers[2]);
+}
+
+#[test]
+fn other_seeds_search_otherwise() {
+    let at = |index: u32| [f64::from(index * 37 % 101), f64::from(index * 53 % 97)];
+    let centres: Vec<_> = (0..60).map(at).collect();
+    let search = |seed| {
+        square(json!({"centres_m": centres, "radius_m": 3.0, "round": {"steps": 50}, "bound": null, "seed": seed}))
+    };
+    let answers = ask(&[search(1), search(1), search(2)]).unwrap();
+    assert_eq!(answers[0], answers[1]);
+    assert_ne!(answers[0]["length_m"], answers[2]["length_m"]);
 }
 
 #[test]

@@ -58,12 +58,12 @@ impl Disks<'_> {
     /// A short round; deterministic if the effort is in steps. `stop` ends the search; the round may then miss disks.
     #[must_use]
     pub fn round(&self, effort: RoundEffort, stop: &Stop) -> DiskRound {
-        self.round_by(0, effort, stop)
+        self.seeded_round(0, effort, stop)
     }
 
-    /// The same by the random numbers of `seed`.
+    /// The same, searched with the random numbers of `seed`.
     #[must_use]
-    pub fn round_by(&self, seed: u64, effort: RoundEffort, stop: &Stop) -> DiskRound {
+    pub fn seeded_round(&self, seed: u64, effort: RoundEffort, stop: &Stop) -> DiskRound {
         let field = self.field();
         let mut search = RoundSearch::new(&field, Streams::new(seed).stream(Purpose::Round, 0, 0), stop);
         let found = search.run(Itinerary::of_one(&field), effort);
