@@ -196,7 +196,7 @@ fn sample(singles: usize, pair_count: usize) {
 
 #[test]
 fn a_crash_before_any_system_call_does_not_change_the_trace() {
-    sample(120, 24);
+    sample(80, 16);
 }
 
 #[test]
@@ -207,7 +207,7 @@ fn a_file_change_before_any_system_call_is_detected() {
     let files = ["slots.csv", "slots.check", "scenario.toml", "sensors.csv", "run.toml", "mission.rrd"];
     let files = &files[..if cfg!(feature = "viewer") { 6 } else { 5 }];
     let cases = files.iter().flat_map(|name| Change::ALL.map(|change| (*name, change)));
-    let points = every(&calls, total as usize / 72);
+    let points = every(&calls, total as usize / 48);
     let fly = |([point], (name, change)): (&[CrashPoint; 1], (&str, Change))| missions.fly_changed(point, name, change);
     let changed: Vec<bool> = points.iter().zip(cases.cycle()).filter_map(fly).collect();
     let said = changed.iter().filter(|is_said| **is_said).count();

@@ -31,8 +31,6 @@ mod keys;
 mod least_fleet;
 #[cfg(feature = "lab")]
 mod library;
-#[cfg(feature = "mavlink")]
-mod mavlink;
 mod motion;
 mod names;
 mod new;

@@ -23,8 +23,7 @@ fn percent_reached(stderr: &str) -> f64 {
     line.split_once(": ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
 }
 
-#[test]
-fn a_vehicle_flies_a_run_that_every_command_reads() {
+pub fn a_vehicle_flies_a_run_that_every_command_reads() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { lag: 0.2, noise: 0.1, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
@@ -42,8 +41,7 @@ fn a_vehicle_flies_a_run_that_every_command_reads() {
     place.assert_clean();
 }
 
-#[test]
-fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
+pub fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions {
         lag: 0.3,
@@ -59,8 +57,7 @@ fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
     vehicle.until_landed();
 }
 
-#[test]
-fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
+pub fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
@@ -73,8 +70,7 @@ fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     place.run_ok(&["report", "run", "--sensors"]);
 }
 
-#[test]
-fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
+pub fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).set("slots", 12).start();
@@ -92,8 +88,7 @@ fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     assert!(modes.len() == 12 && modes.last().unwrap() == "return", "{modes:?}");
 }
 
-#[test]
-fn a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed() {
+pub fn a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -107,8 +102,7 @@ fn a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed() {
     assert!(!ended.stderr.contains("--resume"), "{ended:?}");
 }
 
-#[test]
-fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
+pub fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -119,8 +113,7 @@ fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
     assert!(ended.stderr.contains(says), "{ended:?}");
 }
 
-#[test]
-fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
+pub fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -131,8 +124,7 @@ fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
     vehicle.until_landed();
 }
 
-#[test]
-fn a_vehicle_that_is_not_there_is_named_by_its_address() {
+pub fn a_vehicle_that_is_not_there_is_named_by_its_address() {
     let place = Place::new();
     place.write("slow.toml", SLOW);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -142,8 +134,7 @@ fn a_vehicle_that_is_not_there_is_named_by_its_address() {
     assert!(ended.stderr.contains(&format!("vehicle 1: no vehicle was heard at {address} for ")), "{ended:?}");
 }
 
-#[test]
-fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
+pub fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -156,8 +147,7 @@ fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
     assert!(ended.stderr.contains("vehicle 1: returns: no plan has come for "), "{ended:?}");
 }
 
-#[test]
-fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
+pub fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).set("slots", 10).start();
@@ -177,8 +167,7 @@ fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
     assert!(stranger.recv(&mut [0; 300]).is_err(), "it got what was meant for the vehicle");
 }
 
-#[test]
-fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
+pub fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
     let place = Place::new();
     // It returns after 3 s of wall time without a bridge.
     let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
@@ -196,8 +185,7 @@ fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
     vehicle.until_landed();
 }
 
-#[test]
-fn a_restarted_bridge_keeps_a_vehicle_with_a_dead_man_time_of_five_seconds() {
+pub fn a_restarted_bridge_keeps_a_vehicle_with_a_dead_man_time_of_five_seconds() {
     let place = Place::new();
     // At twice real time, so that 2.5 s without heartbeats make it return.
     let vehicle = TestVehicle::start_at(2, KinematicOptions { silence: 5.0, ..KinematicOptions::default() });
@@ -214,8 +202,7 @@ fn a_restarted_bridge_keeps_a_vehicle_with_a_dead_man_time_of_five_seconds() {
     }
 }
 
-#[test]
-fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
+pub fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -232,8 +219,7 @@ fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     assert!(modes.iter().any(|mode| mode == "hold") && modes.last().unwrap() == "down", "{modes:?}");
 }
 
-#[test]
-fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped() {
+pub fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped() {
     for is_killed in [true, false] {
         let place = Place::new();
         let vehicle = TestVehicle::start(KinematicOptions::default());
@@ -250,8 +236,7 @@ fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped()
     }
 }
 
-#[test]
-fn a_stopped_run_is_resumed_where_the_vehicle_was() {
+pub fn a_stopped_run_is_resumed_where_the_vehicle_was() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -268,8 +253,7 @@ fn a_stopped_run_is_resumed_where_the_vehicle_was() {
     vehicle.until_landed();
 }
 
-#[test]
-fn one_bridge_flies_a_fleet() {
+pub fn one_bridge_flies_a_fleet() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { count: 2, lag: 0.2, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).set("uav.count", 2).set("slots", 15).run();
@@ -280,8 +264,7 @@ fn one_bridge_flies_a_fleet() {
     assert_eq!(modes(&place).len(), 30);
 }
 
-#[test]
-fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
+pub fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
     let place = Place::new();
     let [first, second] =
         [0.3, 0.0].map(|lag| TestVehicle::start(KinematicOptions { lag, ..KinematicOptions::default() }));
@@ -292,8 +275,7 @@ fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
     second.until_landed();
 }
 
-#[test]
-fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
+pub fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     let refused = |options: KinematicOptions, says: &str| {
         let place = Place::new();
         let vehicle = TestVehicle::start(options);
@@ -315,8 +297,7 @@ fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     refused(KinematicOptions { home: Origin { lat_deg: 47.4077, lon_deg: 8.5456 }, ..default() }, "it is 10");
 }
 
-#[test]
-fn invalid_addresses_are_refused_in_one_line() {
+pub fn invalid_addresses_are_refused_in_one_line() {
     let place = Place::new();
     place.write("slow.toml", SLOW);
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
