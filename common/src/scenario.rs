@@ -33,7 +33,6 @@ pub use track::MOST_TRACK_SLOTS;
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 pub use zones::LEAST_FILLED;
 
-use crate::airspace::cells_along;
 use crate::channel::{LinkMap, LinkModel, RateTable};
 use crate::cohorts::Expiry;
 use crate::error::{InputError, read_text};
@@ -204,13 +203,9 @@ impl Scenario {
             scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
         }
         let track = track::read_file(&mut scenario)?;
-        let sides_m = [scenario.area.width_m(), scenario.area.height_m()];
-        let centre_m = sides_m.map(|side_m| match scenario.uav.grid_m() {
-            None => side_m / 2.0,
-            Some(cell_m) => (f64::from(cells_along(side_m, cell_m) / 2) + 0.5) * cell_m,
-        });
         let first_m = scenario.uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
-        let start_m = *scenario.uav.start_m.get_or_insert(first_m.unwrap_or(centre_m));
+        let middle_m = scenario.middle_m();
+        let start_m = *scenario.uav.start_m.get_or_insert(first_m.unwrap_or(middle_m));
         if scenario.uav.battery.is_some() || scenario.must_land() {
             scenario.base.get_or_insert_default();
         }

@@ -123,8 +123,7 @@ impl Vehicle {
         let z_m = z_m.clamp(lowest_m, highest_m);
         let from = self.position.xy();
         let z_range_m = [self.position.z, z_m];
-        let is_on_grid = !self.airspace.has_grid() || self.airspace.is_free(&from, &ground);
-        let hold = if !is_possible || !is_on_grid {
+        let hold = if !is_possible || !self.airspace.is_move(&from, &ground) {
             HoldReason::Waypoint
         } else if self.airspace.entry(&from, &ground, z_range_m, border_m).is_some() {
             HoldReason::Zone

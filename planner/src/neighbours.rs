@@ -1,8 +1,6 @@
 //! What the UAVs of a fleet tell each other in a slot: prioritised planning (Erdmann and Lozano-Pérez, Algorithmica 2,
 //! 1987) against reservations.
 
-use std::f64::consts::FRAC_1_SQRT_2;
-
 use skysink_common::base::Base;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Plan};
@@ -117,10 +115,9 @@ impl ReservationTable {
     pub fn of(scenario: &Scenario) -> Self {
         let talks = scenario.uav.coordination.unwrap_or_default() != Coordination::Independent;
         let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
-        let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
         Self {
             separation_m,
-            reserves_begins: scenario.uav.grid_m().is_some_and(is_wide),
+            reserves_begins: scenario.is_near_between_cells(separation_m),
             base: scenario.landing_base(),
             ..Self::default()
         }

@@ -195,6 +195,12 @@ impl Airspace {
         }
     }
 
+    /// Whether it may lead there in a slot, as all of a grid's moves do; always without a grid.
+    #[must_use]
+    pub fn is_move(&self, from: &Position, to: &Position) -> bool {
+        self.grid.as_ref().is_none_or(|grid| grid.is_free(from, to))
+    }
+
     /// Whether the straight way enters no zone, wherever it leads.
     fn is_clear(&self, from: &Position, to: &Position) -> bool {
         if self.zones.is_empty() {
@@ -222,7 +228,7 @@ impl Airspace {
     /// altitudes `z_m` [m] at its ends.
     #[must_use]
     pub fn last_free(&self, from: &Position, to: &Position, z_m: [f64; 2]) -> Position {
-        if self.grid.as_ref().is_some_and(|grid| !grid.is_free(from, to)) {
+        if !self.is_move(from, to) {
             return *from;
         }
         let Some(fraction) = self.entry(from, to, z_m, ROUNDING * self.extent_m) else { return *to };

@@ -1,8 +1,12 @@
-//! How far the UAV flies in a slot, with wind and acceleration (decisions D29 and D31).
+//! How far the UAV flies in a slot, with wind and acceleration (decisions D29 and D31), and its moves on a grid (D17a).
 
-use nalgebra::Vector2;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+use nalgebra::{Point3, Vector2};
 
 use super::mission::Scenario;
+use crate::airspace::{MAX_CELLS, cells_along};
+use crate::error::InputError;
 use crate::geometry::{Position, within};
 
 /// Slack of a slot on a grid, which may end beside the middle of its move.
@@ -31,6 +35,27 @@ impl Scenario {
     pub fn move_slots(&self) -> u64 {
         let hop_m = self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm());
         self.uav.grid_m().map_or(1, |cell_m| slots_of_move(cell_m, hop_m) as u64)
+    }
+
+    /// Length of a move [m]: of a cell of the grid, or without one as far as a slot reaches.
+    #[must_use]
+    pub fn move_m(&self) -> f64 {
+        self.uav.grid_m().unwrap_or_else(|| self.reach_m())
+    }
+
+    /// Whether a move takes several slots in which its UAV, between cells, is less than `distance_m` [m] from others that
+    /// keep this distance from its end.
+    #[must_use]
+    pub fn is_near_between_cells(&self, distance_m: f64) -> bool {
+        self.uav.grid_m().is_some_and(|cell_m| distance_m > cell_m * FRAC_1_SQRT_2 && self.move_slots() > 1)
+    }
+
+    /// The middle of the area [m], on a grid of a cell there.
+    pub(super) fn middle_m(&self) -> [f64; 2] {
+        [self.area.width_m(), self.area.height_m()].map(|side_m| match self.uav.grid_m() {
+            None => side_m / 2.0,
+            Some(cell_m) => (f64::from(cells_along(side_m, cell_m) / 2) + 0.5) * cell_m,
+        })
     }
 
     /// Farthest horizontal flight in a slot in any direction, for bounds [m]: with the wind.
@@ -95,6 +120,32 @@ impl Scenario {
             Some(a_mps2) => a_mps2 * self.slot_s * self.slot_s / 4.0,
         }
     }
+}
+
+/// Checks the keys of moves on a grid by `rule`: whether it holds, of which key, and what is expected.
+pub(super) fn check_moves(
+    scenario: &Scenario,
+    rule: &dyn Fn(bool, &str, &str) -> Result<(), InputError>,
+) -> Result<(), InputError> {
+    let uav = &scenario.uav;
+    let area = &scenario.area;
+    let Some(cell_m) = uav.grid_m() else { return Ok(()) };
+    let [columns, rows] = [area.width_m(), area.height_m()].map(|side_m| u64::from(cells_along(side_m, cell_m)));
+    let is_grid = columns >= 1 && rows >= 1 && columns.saturating_mul(rows) <= u64::from(MAX_CELLS);
+    let expected = format!("a side of cells of which the area has 1 to {MAX_CELLS}");
+    rule(is_grid, "uav.cell_m", &expected)?;
+    rule(is_grid, "uav.moves", &format!("\"free\", or {expected} (uav.cell_m)"))?;
+    rule(uav.position_error_m.is_none(), "uav.position_error_m", "none with moves = \"grid\"")?;
+    rule(uav.climb().is_none(), "uav.altitude", "\"fixed\" with moves = \"grid\"")?;
+    let is_middle = |(at_m, count): (f64, u64)| {
+        let index = at_m / cell_m - 0.5;
+        (index - index.round()).abs() <= 1e-9 && (0.0..count as f64).contains(&index.round())
+    };
+    let is_cell = |start: Point3<f64>| [(start.x, columns), (start.y, rows)].into_iter().all(is_middle);
+    let expected = format!("the middle of a cell of {cell_m} m, as (0.5, 1.5, ...) × {cell_m} m");
+    rule(uav.starts_m.is_some() || is_cell(scenario.start()), "uav.start_m", &expected)?;
+    rule(scenario.starts().all(is_cell), "uav.starts_m", &format!("each {expected}"))?;
+    Ok(())
 }
 
 /// Slots of a move over a cell, with up to `hop_m` [m] in each.

@@ -8,10 +8,10 @@ use nalgebra::Point3;
 use toml::{Table, Value};
 
 use super::mission::Scenario;
+use super::motion::check_moves;
 use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use super::zones;
-use crate::airspace::{MAX_CELLS, cells_along};
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
@@ -104,23 +104,7 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
     let has_own = scenario.base.as_ref().is_some_and(|base| base.site.is_some() && base.charge_w > 0.0);
     rule(!has_own, "base.charge_w", "none beside [[base.site]], whose tables have their own")?;
-    if let Some(cell_m) = uav.grid_m() {
-        let [columns, rows] = [area.width_m(), area.height_m()].map(|side_m| u64::from(cells_along(side_m, cell_m)));
-        let is_grid = columns >= 1 && rows >= 1 && columns.saturating_mul(rows) <= u64::from(MAX_CELLS);
-        let expected = format!("a side of cells of which the area has 1 to {MAX_CELLS}");
-        rule(is_grid, "uav.cell_m", &expected)?;
-        rule(is_grid, "uav.moves", &format!("\"free\", or {expected} (uav.cell_m)"))?;
-        rule(uav.position_error_m.is_none(), "uav.position_error_m", "none with moves = \"grid\"")?;
-        rule(uav.climb().is_none(), "uav.altitude", "\"fixed\" with moves = \"grid\"")?;
-        let is_middle = |(at_m, count): (f64, u64)| {
-            let index = at_m / cell_m - 0.5;
-            (index - index.round()).abs() <= 1e-9 && (0.0..count as f64).contains(&index.round())
-        };
-        let is_cell = |start: Point3<f64>| [(start.x, columns), (start.y, rows)].into_iter().all(is_middle);
-        let expected = format!("the middle of a cell of {cell_m} m, as (0.5, 1.5, ...) × {cell_m} m");
-        rule(uav.starts_m.is_some() || is_cell(scenario.start()), "uav.start_m", &expected)?;
-        rule(scenario.starts().all(is_cell), "uav.starts_m", &format!("each {expected}"))?;
-    }
+    check_moves(scenario, &rule)?;
     let is_within = uav.waypoint_margin_m.is_none_or(|margin_m| margin_m < link.comm_radius_m);
     rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")?;
     zones::check(scenario)?;

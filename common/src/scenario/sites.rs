@@ -2,7 +2,7 @@
 
 use super::base::SiteKeys;
 use super::mission::Scenario;
-use super::zones::toml_of;
+use super::zones::{expected_of, is_led_to, toml_of};
 use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
 use crate::base::{Base, BaseArea, BaseSite};
 use crate::error::InputError;
@@ -88,18 +88,10 @@ fn check_keys(scenario: &Scenario, index: usize, site: &SiteKeys) -> Result<(), 
 
 /// Checks that the UAV can fly to each site of `base`.
 pub(super) fn check_ways(scenario: &Scenario, base: &Base, airspace: &Airspace) -> Result<(), InputError> {
-    let is_led_to = |shape: &Base| match airspace.has_grid() {
-        true => airspace.cells().any(|cell| shape.contains(&cell) && airspace.is_reachable(&cell)),
-        false => shape.places().all(|place| airspace.is_reachable(&place)),
-    };
-    let Some(index) = base.shapes().position(|shape| !is_led_to(shape)) else { return Ok(()) };
+    let Some(index) = base.shapes().position(|shape| !is_led_to(airspace, shape)) else { return Ok(()) };
     let keys = scenario.base.as_ref().and_then(|base| base.site.as_ref()).into_iter().flatten().nth(index);
     let (key, value) = place_of(index, keys.expect("a site has its keys"));
-    let expected = match airspace.has_grid() {
-        true => "a site with the middle of a cell of the grid that the UAV can fly to from its start",
-        false => "a site that the UAV can fly to from its start, around zones and buildings",
-    };
-    Err(scenario.refusal(&key, &value, expected))
+    Err(scenario.refusal(&key, &value, &expected_of(airspace, "a site")))
 }
 
 #[cfg(test)]

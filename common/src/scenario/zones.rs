@@ -154,24 +154,36 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
         let key = if matches!(base, Base::Disk { .. }) { "base.position_m" } else { "base.areas_m" };
         let keys = toml_of(&scenario.base);
         let value = keys.get(key.trim_start_matches("base.")).cloned().unwrap_or(keys);
-        let expected = "a base with the middle of a cell of the grid that the UAV can fly to from its start";
-        let has_cell = airspace.cells().any(|cell| base.contains(&cell));
-        return if has_cell { Ok(()) } else { Err(scenario.refusal(key, &value, expected)) };
+        let expected = expected_of(&airspace, "a base");
+        return if is_led_to(&airspace, &base) { Ok(()) } else { Err(scenario.refusal(key, &value, &expected)) };
     }
     let Some((index, place)) = base.places().enumerate().find(|(_, place)| !airspace.is_reachable(place)) else {
         return Ok(());
     };
     match &base {
-        Base::Disk { .. } => {
-            let expected = "a position that the UAV can fly to from its start, around zones and buildings";
-            refuse("base.position_m", &place, expected)
-        }
+        Base::Disk { .. } => refuse("base.position_m", &place, &expected_of(&airspace, "a position")),
         Base::Areas(areas) => {
-            let expected = "a polygon that the UAV can fly to from its start, around zones and buildings";
             let corners: Vec<[f64; 2]> = areas[index].polygon.corners().iter().map(|&at| at.into()).collect();
-            Err(scenario.refusal(&format!("base.areas_m[{index}]"), &toml_of(&corners), expected))
+            let expected = expected_of(&airspace, "a polygon");
+            Err(scenario.refusal(&format!("base.areas_m[{index}]"), &toml_of(&corners), &expected))
         }
         Base::Sites(_) => Ok(()), // checked above
+    }
+}
+
+/// Whether the UAV can fly to each place of a base, or on a grid to the middle of a cell in it.
+pub(super) fn is_led_to(airspace: &Airspace, base: &Base) -> bool {
+    match airspace.has_grid() {
+        true => airspace.cells().any(|cell| base.contains(&cell)),
+        false => base.places().all(|place| airspace.is_reachable(&place)),
+    }
+}
+
+/// What is expected of a base, or a part of it.
+pub(super) fn expected_of(airspace: &Airspace, part: &str) -> String {
+    match airspace.has_grid() {
+        true => format!("{part} with the middle of a cell of the grid that the UAV can fly to from its start"),
+        false => format!("{part} that the UAV can fly to from its start, around zones and buildings"),
     }
 }
 

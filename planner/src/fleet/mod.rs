@@ -387,8 +387,7 @@ fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
     }
     // Into the base one after the other, those of lower number first, which those of higher number await beyond the
     // distance.
-    let move_m = scenario.uav.grid_m().unwrap_or_else(|| scenario.reach_m());
-    let each = (separation_m / move_m) as u64; // saturates
+    let each = (separation_m / scenario.move_m()) as u64; // saturates
     let behind = (scenario.uav.uavs() - 1 - uav) as u64;
     let moves = if each > 0 { each.saturating_add(SPARE_MOVES).saturating_mul(behind) } else { 0 };
     let early = |moves: u64| {
