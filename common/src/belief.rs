@@ -12,7 +12,7 @@ use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
 use crate::sensors::{SensorList, Sensors};
 
-/// The belief of a UAV, which advances by one slot after the other.
+/// The belief of a UAV, which advances by one slot after the other. Its methods panic if an SN is unknown.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Belief {
     /// It knows the queues and the rates. Nothing is stored.
@@ -57,9 +57,6 @@ impl Belief {
 
     /// The queues that the SNs `ids` report if they are served in `slot`, of the queues `queues_bits` [bit] before it,
     /// by id; nothing if they are known.
-    ///
-    /// # Panics
-    /// If an SN is unknown.
     #[must_use]
     pub fn reported(&self, slot: u64, ids: impl IntoIterator<Item = u32>, queues_bits: &[u32]) -> ReportedQueues {
         self.estimate().map_or_else(ReportedQueues::default, |_| ReportedQueues::at(slot, ids, queues_bits))
@@ -78,18 +75,12 @@ impl Belief {
 
     /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues are
     /// known, or otherwise a contact.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn is_dead(&self, told_bits: u32, id: u32) -> bool {
         self.estimate().map_or(told_bits == DEAD, |estimate| estimate.is_dead(id))
     }
 
     /// Whether SN `id`, told as `told_bits`, is known to be dead, or without airtime: UAVs know what each has sent.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn is_out(&self, told_bits: u32, id: u32) -> bool {
         told_bits != DEAD && is_out(told_bits) || self.is_dead(told_bits, id)
@@ -123,9 +114,6 @@ impl Belief {
     }
 
     /// Bits that SN `id` of `sensors` samples per slot.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn mean_bits(&self, sensors: &Sensors, id: u32) -> f64 {
@@ -183,7 +171,7 @@ impl Belief {
     }
 }
 
-/// What the UAV believes at the end of a slot.
+/// What the UAV believes at the end of a slot. Its methods panic if an SN is unknown.
 #[derive(Debug, Clone, Copy)]
 pub struct Believed<'a> {
     slot: u64,
@@ -202,9 +190,6 @@ impl<'a> Believed<'a> {
     }
 
     /// Bits that SN `id` samples per slot.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
@@ -213,9 +198,6 @@ impl<'a> Believed<'a> {
 
     /// Slots until SN `id` overflows, or its bits expire: the room for what it stores divided by its bits per slot;
     /// `None` if it does not sample.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
@@ -229,9 +211,6 @@ impl<'a> Believed<'a> {
     }
 
     /// How uncertain the queue and the rate of SN `id` are.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn uncertainty(&self, id: u32) -> Uncertainty {
         let known = || Uncertainty::none(self.queues_bits[id as usize]);
@@ -239,18 +218,12 @@ impl<'a> Believed<'a> {
     }
 
     /// Standard deviation of the queue of SN `id` [bit]; 0 if it is known.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn queue_sd_bits(&self, id: u32) -> f64 {
         self.uncertainty(id).queue_sd_bits(self.sensors.sampler(id).capacity_bits)
     }
 
     /// Standard deviation of the bits that SN `id` samples per slot, as the UAV knows its rate; 0 if it is known.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn mean_sd_bits(&self, id: u32) -> f64 {
         uniform_sd(self.uncertainty(id).rate * self.mean_bits(id))
