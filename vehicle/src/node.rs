@@ -241,7 +241,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         let now_s = self.now_s();
         self.bridge.return_home("the mission is over", now_s);
-        self.say_results();
+        self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
         self.wait_for_release(ring)
     }
 
@@ -433,11 +433,6 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 Role::FlightSim.log(format_args!("vehicle {number}: waited {seconds:.0} s for it {missing}"));
             }
         }
-    }
-
-    /// Says how near the vehicles came to their waypoints, and how soon they were told.
-    fn say_results(&self) {
-        self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
     }
 }
 
