@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
-use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
+use skysink_common::channel::{Channel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
@@ -345,7 +345,7 @@ impl Flight {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use skysink_common::channel::Uplink;
+    use skysink_common::channel::{ChannelModel, Uplink};
     use skysink_common::message::MAX_SERVED;
     use skysink_common::scenario::Overrides;
 

@@ -86,11 +86,6 @@ impl FreeSpace {
 }
 
 impl ChannelModel for FreeSpace {
-    #[inline]
-    fn comm_s(&self) -> f64 {
-        self.comm_s
-    }
-
     /// The rate, or its mean over the fading.
     #[inline]
     fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
@@ -170,6 +165,7 @@ pub fn draw_gain_db([lowest_db, highest_db]: [f64; 2], streams: &Streams, slot: 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::channel::Channel;
 
     /// The channel of the paper.
     fn paper_channel() -> FreeSpace {
@@ -251,7 +247,7 @@ mod tests {
 
     #[test]
     fn a_link_carries_whole_bits_rounded_down() {
-        assert_eq!(paper_channel().capacity_bits(99.99), 9);
-        assert_eq!(paper_channel().capacity_bits(0.0), 0);
+        assert_eq!(Channel::from(paper_channel()).capacity_bits(99.99), 9);
+        assert_eq!(Channel::from(paper_channel()).capacity_bits(0.0), 0);
     }
 }

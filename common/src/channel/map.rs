@@ -339,11 +339,6 @@ impl MapChannel {
 }
 
 impl ChannelModel for MapChannel {
-    #[inline]
-    fn comm_s(&self) -> f64 {
-        self.comm_s
-    }
-
     fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
         self.mean_over_draws(uplink, &|rate_bps| rate_bps)
     }

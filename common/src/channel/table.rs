@@ -227,11 +227,6 @@ pub struct TableChannel {
 }
 
 impl ChannelModel for TableChannel {
-    #[inline]
-    fn comm_s(&self) -> f64 {
-        self.comm_s
-    }
-
     fn expected_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
         self.table.interpolated(d2_m2.sqrt(), z_m, |point| self.table.means_bps[point])
     }
