@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
-use skysink_common::airtime::Airtime;
 use skysink_common::base::Base;
 use skysink_common::battery::Battery;
 use skysink_common::build::{VERSION, build};
@@ -366,7 +365,7 @@ impl Tally {
         let ledger = losses.map(|losses| &losses.ledger);
         summary.expired_bits = summary.expired_bits.map(|none| ledger.map_or(none, Ledger::expired_bits));
         summary.node_energy = losses.and_then(Losses::node_energy);
-        summary.refused_duty = ledger.and_then(Ledger::airtime).map(Airtime::refused);
+        summary.refused_duty = ledger.and_then(|ledger| Some(ledger.airtime()?.refused()));
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
