@@ -78,11 +78,6 @@ impl FreeSpace {
     fn faded(uplink: &Uplink, power_gain: f64) -> Uplink {
         Uplink { gain: uplink.gain * power_gain, ..*uplink }
     }
-
-    /// The gain of the sensor node, or the one drawn for the slot.
-    fn drawn_gain(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
-        self.redrawn_db.map_or(uplink.gain, |range_db| ratio_of_db(draw_gain_db(range_db, streams, slot, sensor)))
-    }
 }
 
 impl ChannelModel for FreeSpace {
@@ -113,7 +108,8 @@ impl ChannelModel for FreeSpace {
 
     /// The rate with the gain of the sensor node or the one drawn for the slot, times the fading drawn for the slot.
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let mut gain = self.drawn_gain(uplink, streams, slot, sensor);
+        let drawn_gain = |range_db| ratio_of_db(draw_gain_db(range_db, streams, slot, sensor));
+        let mut gain = self.redrawn_db.map_or(uplink.gain, drawn_gain);
         if let Some(fading) = self.fading {
             gain *= fading.draw(streams, slot, sensor);
         }
