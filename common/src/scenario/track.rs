@@ -189,6 +189,7 @@ pub(super) fn check(scenario: &Scenario, file: Option<&TrackFile>) -> Result<(),
 mod tests {
     use super::*;
     use crate::scenario::Overrides;
+    use std::path::Path;
 
     /// Four slots of 2 s at 5 m/s over 100 m × 100 m with this track.
     fn parsed(track: &str, keys: &str) -> Result<Scenario, String> {
