@@ -12,7 +12,7 @@ use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
 use crate::sensors::{SensorList, Sensors};
 
-/// The belief of a UAV, which advances by one slot after the other.
+/// The belief of a UAV, which advances by one slot after the other. Its methods panic if an SN is unknown.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Belief {
     /// It knows the queues and the rates. Nothing is stored.
@@ -36,23 +36,30 @@ impl Belief {
         estimated.map_or(Self::Known, over_list)
     }
 
+    /// The estimate; `None` if the queues are known.
+    fn estimate(&self) -> Option<&Estimate> {
+        match self {
+            Self::Known => None,
+            Self::Estimated(estimate) => Some(estimate),
+        }
+    }
+
+    /// The estimate of learnt rates; `None` if the rates are known.
+    fn learnt(&self) -> Option<&Estimate> {
+        self.estimate().filter(|estimate| estimate.has_learnt_rates())
+    }
+
     /// Whether the queues are estimated.
     #[must_use]
     pub fn is_estimated(&self) -> bool {
-        matches!(self, Self::Estimated(_))
+        self.estimate().is_some()
     }
 
     /// The queues that the SNs `ids` report if they are served in `slot`, of the queues `queues_bits` [bit] before it,
     /// by id; nothing if they are known.
-    ///
-    /// # Panics
-    /// If an SN is unknown.
     #[must_use]
     pub fn reported(&self, slot: u64, ids: impl IntoIterator<Item = u32>, queues_bits: &[u32]) -> ReportedQueues {
-        match self {
-            Self::Known => ReportedQueues::default(),
-            Self::Estimated(_) => ReportedQueues::at(slot, ids, queues_bits),
-        }
+        self.estimate().map_or_else(ReportedQueues::default, |_| ReportedQueues::at(slot, ids, queues_bits))
     }
 
     /// Advances by `slot`: its flights, the queues [`Self::reported`] `before` it by at least the served SNs, and the
@@ -68,21 +75,12 @@ impl Belief {
 
     /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues are
     /// known, or otherwise a contact.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn is_dead(&self, told_bits: u32, id: u32) -> bool {
-        match self {
-            Self::Known => told_bits == DEAD,
-            Self::Estimated(estimate) => estimate.is_dead(id),
-        }
+        self.estimate().map_or(told_bits == DEAD, |estimate| estimate.is_dead(id))
     }
 
     /// Whether SN `id`, told as `told_bits`, is known to be dead, or without airtime: UAVs know what each has sent.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn is_out(&self, told_bits: u32, id: u32) -> bool {
         told_bits != DEAD && is_out(told_bits) || self.is_dead(told_bits, id)
@@ -91,17 +89,12 @@ impl Belief {
     /// Whether the rates are learnt.
     #[must_use]
     pub fn has_learnt_rates(&self) -> bool {
-        matches!(self, Self::Estimated(estimate) if estimate.has_learnt_rates())
+        self.learnt().is_some()
     }
 
     /// The learnt rates of all SNs [bit/s], by id, in slots of `slot_s` [s]; `None` if the rates are known.
     pub fn learnt_bps(&self, slot_s: f64) -> Option<impl Iterator<Item = f64>> {
-        match self {
-            Self::Estimated(estimate) if estimate.has_learnt_rates() => {
-                Some(estimate.means_bits().map(move |mean_bits| mean_bits / slot_s))
-            }
-            _ => None,
-        }
+        Some(self.learnt()?.means_bits().map(move |mean_bits| mean_bits / slot_s))
     }
 
     /// The SNs `nodes` as the UAV knows them: with the learnt rates instead of the true ones, if it has to learn them.
@@ -115,19 +108,12 @@ impl Belief {
     /// The `sensors` with the rates that the UAV has learnt instead of the true ones; unchanged if it has learnt none.
     #[must_use]
     pub fn known_sensors(&self, sensors: Arc<Sensors>) -> Arc<Sensors> {
-        match self {
-            Self::Estimated(estimate) if estimate.has_learnt_rates() => {
-                let sampling = sensors.sampling.with_means(estimate.means_bits().collect());
-                Arc::new(Sensors { sampling, ..Sensors::clone(&sensors) })
-            }
-            _ => sensors,
-        }
+        let Some(estimate) = self.learnt() else { return sensors };
+        let sampling = sensors.sampling.with_means(estimate.means_bits().collect());
+        Arc::new(Sensors { sampling, ..Sensors::clone(&sensors) })
     }
 
     /// Bits that SN `id` of `sensors` samples per slot.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn mean_bits(&self, sensors: &Sensors, id: u32) -> f64 {
@@ -169,10 +155,7 @@ impl Belief {
     /// The state for a checkpoint; `None` if the queues are known.
     #[must_use]
     pub fn saved(&self) -> Option<SavedEstimate> {
-        match self {
-            Self::Known => None,
-            Self::Estimated(estimate) => Some(estimate.saved()),
-        }
+        self.estimate().map(Estimate::saved)
     }
 
     /// This belief in a state that was saved after `slot` of the same mission.
@@ -188,7 +171,7 @@ impl Belief {
     }
 }
 
-/// What the UAV believes at the end of a slot.
+/// What the UAV believes at the end of a slot. Its methods panic if an SN is unknown.
 #[derive(Debug, Clone, Copy)]
 pub struct Believed<'a> {
     slot: u64,
@@ -207,9 +190,6 @@ impl<'a> Believed<'a> {
     }
 
     /// Bits that SN `id` samples per slot.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
@@ -218,9 +198,6 @@ impl<'a> Believed<'a> {
 
     /// Slots until SN `id` overflows, or its bits expire: the room for what it stores divided by its bits per slot;
     /// `None` if it does not sample.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
@@ -234,43 +211,22 @@ impl<'a> Believed<'a> {
     }
 
     /// How uncertain the queue and the rate of SN `id` are.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn uncertainty(&self, id: u32) -> Uncertainty {
-        match self.belief {
-            Belief::Known => Uncertainty::none(self.queues_bits[id as usize]),
-            Belief::Estimated(estimate) => estimate.uncertainty(self.slot, id),
-        }
+        let known = || Uncertainty::none(self.queues_bits[id as usize]);
+        self.belief.estimate().map_or_else(known, |estimate| estimate.uncertainty(self.slot, id))
     }
 
     /// Standard deviation of the queue of SN `id` [bit]; 0 if it is known.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn queue_sd_bits(&self, id: u32) -> f64 {
-        match self.belief {
-            Belief::Known => 0.0,
-            Belief::Estimated(estimate) => {
-                estimate.uncertainty(self.slot, id).queue_sd_bits(self.sensors.sampler(id).capacity_bits)
-            }
-        }
+        self.uncertainty(id).queue_sd_bits(self.sensors.sampler(id).capacity_bits)
     }
 
     /// Standard deviation of the bits that SN `id` samples per slot, as the UAV knows its rate; 0 if it is known.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
     #[must_use]
     pub fn mean_sd_bits(&self, id: u32) -> f64 {
-        match self.belief {
-            Belief::Known => 0.0,
-            Belief::Estimated(estimate) => {
-                uniform_sd(estimate.uncertainty(self.slot, id).rate * estimate.mean_bits(id))
-            }
-        }
+        uniform_sd(self.uncertainty(id).rate * self.mean_bits(id))
     }
 }
 

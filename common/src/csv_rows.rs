@@ -1,8 +1,34 @@
-//! Tables in CSV that a scenario names: all columns are known, in any order.
+//! Tables in CSV that a scenario names: all columns are known, in any order. Their rows may be the points of a grid.
 
 use serde::de::DeserializeOwned;
 
 use crate::error::{line_of, quoted};
+
+/// The three axes of a grid, each ascending, that has all `points`, which are sorted, once. Messages name a point as
+/// `named` does.
+pub(crate) fn grid_axes(points: &[[f64; 3]], named: impl Fn([f64; 3]) -> String) -> Result<[Vec<f64>; 3], String> {
+    let axes = [0, 1, 2].map(|axis| {
+        let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values.dedup();
+        values
+    });
+    if let Some(pair) = points.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(format!("{} twice: expected it once", named(pair[0])));
+    }
+    let [first, second, third] = &axes;
+    let mut found = points.iter();
+    for &x in first {
+        for &y in second {
+            for &z in third {
+                if found.next() != Some(&[x, y, z]) {
+                    return Err(format!("no row with {}: expected one for each point of the grid", named([x, y, z])));
+                }
+            }
+        }
+    }
+    Ok(axes)
+}
 
 /// Reads a CSV table that has exactly these `columns`, in any order, as rows in their order. Messages say what is
 /// `expected` instead of a row that is of another type or not accepted.

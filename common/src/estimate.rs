@@ -63,7 +63,7 @@ pub struct Estimate {
 }
 
 /// Uncertainty of the estimate of an SN.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Uncertainty {
     /// The estimated queue if the buffer were unbounded [bit].
     pub unbounded_bits: f64,
@@ -82,13 +82,7 @@ impl Uncertainty {
     /// The uncertainty of a known queue [bit] and rate.
     #[must_use]
     pub fn none(queue_bits: u32) -> Self {
-        Self {
-            unbounded_bits: queue_bits.into(),
-            initial_bits: 0.0,
-            rate: 0.0,
-            arrivals_bits: 0.0,
-            since_contact_bits: 0.0,
-        }
+        Self { unbounded_bits: queue_bits.into(), ..Self::default() }
     }
 
     /// Standard deviation of the queue in a buffer of `capacity_bits` [bit]: the unbounded queue is taken as uniform,

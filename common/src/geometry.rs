@@ -36,6 +36,13 @@ pub fn elevation_deg(d2_m2: f64, z_m: f64) -> f64 {
     z_m.atan2(d2_m2.sqrt()).to_degrees()
 }
 
+/// The south-west and the north-east corner of the smallest box around positions; `None` without positions.
+#[must_use]
+pub fn extent(positions: impl IntoIterator<Item = Position>) -> Option<[Position; 2]> {
+    let boxes = positions.into_iter().map(|at| [at; 2]);
+    boxes.reduce(|[low, high], [at, _]| [low.inf(&at), high.sup(&at)])
+}
+
 /// Length of a way from `from` along `bends` [m].
 #[must_use]
 pub fn length_m(from: &Position, bends: &[Position]) -> f64 {

@@ -25,17 +25,8 @@ pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
 /// `P_i exp(−½ asinh(V²/(2 v_0²)))` are convex. So it falls up to one speed and rises beyond it.
 #[must_use]
 pub fn least_power_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
-    let mut low_mps = 0.0;
-    let mut high_mps = max_speed_mps;
-    for _ in 0..100 {
-        let third_mps = (high_mps - low_mps) / 3.0;
-        if power_w(aircraft, low_mps + third_mps) <= power_w(aircraft, high_mps - third_mps) {
-            high_mps -= third_mps;
-        } else {
-            low_mps += third_mps;
-        }
-    }
-    low_mps
+    let is_lower = |slow_mps: f64, fast_mps: f64| power_w(aircraft, slow_mps) <= power_w(aircraft, fast_mps);
+    narrowed(max_speed_mps, is_lower)[0]
 }
 
 /// The speed of least energy per metre [m/s], above 0 and up to `max_speed_mps`.
@@ -45,17 +36,23 @@ pub fn least_power_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
 #[must_use]
 pub fn farthest_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
     let per_metre = |speed_mps: f64| power_w(aircraft, speed_mps) / speed_mps;
+    narrowed(max_speed_mps, |slow_mps, fast_mps| per_metre(slow_mps) < per_metre(fast_mps))[1]
+}
+
+/// The speeds from 0 to `max_speed_mps` [m/s], narrowed down by ternary search: `is_lower` says of a slower and a faster
+/// one whether the search goes on below the faster.
+fn narrowed(max_speed_mps: f64, is_lower: impl Fn(f64, f64) -> bool) -> [f64; 2] {
     let mut low_mps = 0.0;
     let mut high_mps = max_speed_mps;
     for _ in 0..100 {
         let third_mps = (high_mps - low_mps) / 3.0;
-        if per_metre(low_mps + third_mps) < per_metre(high_mps - third_mps) {
+        if is_lower(low_mps + third_mps, high_mps - third_mps) {
             high_mps -= third_mps;
         } else {
             low_mps += third_mps;
         }
     }
-    high_mps
+    [low_mps, high_mps]
 }
 
 #[cfg(test)]

@@ -40,7 +40,8 @@ impl Sampler {
     }
 }
 
-/// The sampling of all SNs of a field, and their buffers.
+/// The sampling of all SNs of a field, and their buffers. Where the SNs are not all alike, methods panic if one is
+/// unknown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sampling {
     /// Mean bits sampled per slot, `s_i τ`.
@@ -93,9 +94,6 @@ impl Sampling {
     }
 
     /// The sampling of SN `sensor`.
-    ///
-    /// # Panics
-    /// If the SN is unknown; never where all SNs are alike.
     #[inline]
     #[must_use]
     pub fn of(&self, sensor: usize) -> Sampler {
@@ -113,9 +111,6 @@ impl Sampling {
     }
 
     /// Bits sampled by SN `sensor` in `slot`, from 1.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
     #[inline]
     #[must_use]
     pub fn bits(&self, sensor: usize, slot: u64) -> u64 {
@@ -135,9 +130,6 @@ impl Sampling {
     }
 
     /// Bits sampled by SN `sensor` up to the end of `slot`. Takes time by the slot if arrivals are drawn.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
     #[inline]
     #[must_use]
     pub fn sampled_bits(&self, sensor: usize, slot: u64) -> u64 {
@@ -149,9 +141,6 @@ impl Sampling {
 
     /// Bits that SN `sensor` samples up to the end of `slot`, from an earlier `counted` slot and the bits up to its
     /// end. Takes time by the slots between.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
     #[must_use]
     pub fn counted_bits(&self, sensor: usize, counted: [u64; 2], slot: u64) -> u64 {
         let [from, before_bits] = counted;
@@ -165,7 +154,7 @@ impl Sampling {
     /// before it, `counted[1]` bits are sampled.
     ///
     /// # Panics
-    /// As [`Self::of`], and if the bit is not among them.
+    /// If the bit is not among them.
     #[must_use]
     pub fn slot_of_bit(&self, sensor: usize, bit: u64, counted: [u64; 2]) -> u64 {
         let [mut slot, mut sampled_bits] = counted;
@@ -183,9 +172,6 @@ impl Sampling {
     }
 
     /// Bits that SN `sensor` loses in `slot`, from 1, if its queue before it was `queue_bits` [bit].
-    ///
-    /// # Panics
-    /// As [`Self::of`].
     #[inline]
     #[must_use]
     pub fn overflow_bits(&self, sensor: usize, queue_bits: u32, slot: u64) -> u64 {

@@ -126,7 +126,7 @@ impl Sensors {
     /// Mean bits per slot and buffer of SN `id`.
     ///
     /// # Panics
-    /// As [`Sampling::of`].
+    /// As [`Sampling`].
     #[inline]
     #[must_use]
     pub fn sampler(&self, id: u32) -> Sampler {

@@ -20,19 +20,16 @@ pub type Plans = ByUav<Option<Plan>>;
 
 /// The links of a slot that upload: an SN that several UAVs serve is served by the first of them (decision D19).
 pub fn uploads(flights: &[FlightReport]) -> impl Iterator<Item = &LinkReport> {
-    let first = |(uav, flight)| links_after(&flights[..uav], flight);
-    flights.iter().enumerate().flat_map(first)
+    flights.iter().enumerate().flat_map(move |(uav, flight)| {
+        let is_first = move |link: &&LinkReport| !flights[..uav].iter().any(|other| other.serves(link.sensor));
+        flight.served_links().iter().filter(is_first)
+    })
 }
 
 /// Above where the UAVs are that wake SNs in range (decision D33): those in the air.
 pub fn beacons(flights: &[FlightReport]) -> impl Iterator<Item = Position> {
     let is_flying = |flight: &&FlightReport| !matches!(flight.flown_mode(), Mode::Charge | Mode::Down);
     flights.iter().filter(is_flying).map(|flight| flight.position().xy())
-}
-
-/// The links of `flight` to SNs that none of the flights `before` serves.
-fn links_after<'a>(before: &'a [FlightReport], flight: &'a FlightReport) -> impl Iterator<Item = &'a LinkReport> {
-    flight.served_links().iter().filter(|link| !before.iter().any(|other| other.serves(link.sensor)))
 }
 
 /// Length of a report without its links [byte].

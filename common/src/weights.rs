@@ -8,7 +8,7 @@ use crate::sampling::Sampling;
 /// Weights that a sensor list may have.
 pub const WEIGHTS: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// The weights of all SNs of a field.
+/// The weights of all SNs of a field. Where they differ, methods panic if an SN is unknown.
 ///
 /// Strategies that compare queues compare their *values*: `w_i B_i` in units of a power of two, rounded down to whole
 /// numbers, so that the most valuable full buffer takes all 32 bits. A queue that is not empty has a value of at least
@@ -38,9 +38,6 @@ impl Weights {
     }
 
     /// The weights of the SNs `ids`, which get the ids 0, 1, … in that order; values and factors stay the same.
-    ///
-    /// # Panics
-    /// If an SN is unknown.
     #[must_use]
     pub fn subset(&self, ids: &[u32]) -> Self {
         let weights = match &self.weights {
@@ -57,9 +54,6 @@ impl Weights {
     }
 
     /// The weight of SN `id`, `w_i`.
-    ///
-    /// # Panics
-    /// If the weights differ, and the SN is unknown.
     #[inline]
     #[must_use]
     pub fn of(&self, id: usize) -> f64 {
@@ -68,9 +62,6 @@ impl Weights {
 
     /// The factor by which a loss of SN `id` counts where losses are compared: 1 where all weights are equal, whatever
     /// they are.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
     #[inline]
     #[must_use]
     pub fn factor(&self, id: usize) -> f64 {
@@ -81,9 +72,6 @@ impl Weights {
     }
 
     /// The value of `queue_bits` [bit] of SN `id`.
-    ///
-    /// # Panics
-    /// As [`Self::of`].
     #[inline]
     #[must_use]
     pub fn value(&self, id: u32, queue_bits: u32) -> u32 {

@@ -242,12 +242,6 @@ impl Field {
         self.ledger.has_answered(sensor)
     }
 
-    /// The airtimes of the sensor nodes; `None` without a duty cycle.
-    #[must_use]
-    pub fn airtime(&self) -> Option<&Airtime> {
-        self.ledger.airtime()
-    }
-
     /// The charges of the sensor nodes; `None` without batteries.
     #[must_use]
     pub fn charges(&self) -> Option<&Charges> {

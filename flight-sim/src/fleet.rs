@@ -45,7 +45,7 @@ impl Pads {
         if !charges || self.free.is_empty() {
             return false;
         }
-        let Some(site) = uav.pad_site() else { return false };
+        let Some(site) = uav.vehicle.pad_site() else { return false };
         let is_full = self.free[site] == 0;
         self.free[site] = self.free[site].saturating_sub(1);
         is_full
@@ -74,7 +74,7 @@ impl Fleet {
 
     /// Where the UAVs are [m].
     pub(crate) fn positions(&self) -> impl Iterator<Item = Point3<f64>> {
-        self.uavs.iter().map(Flight::position)
+        self.uavs.iter().map(|uav| uav.vehicle.position)
     }
 
     /// Moves the UAVs to the ends of recorded flights of this mission.
@@ -98,7 +98,7 @@ impl Fleet {
                 let is_near = |other: &FlightReport| uav.is_too_near(plan, &other.position().xy(), self.separation_m);
                 self.separation_m > 0.0 && flies && lower.iter().any(is_near)
             };
-            rest[0] = if plan.as_ref().is_some_and(is_too_near) && !uav.is_down() && !uav.is_over(slot) {
+            rest[0] = if plan.as_ref().is_some_and(is_too_near) && !uav.vehicle.is_down() && !uav.is_over(slot) {
                 uav.refuse(HoldReason::Separation)
             } else if self.pads.refuses(uav, uav.charges(slot, plan)) {
                 uav.await_pad()
@@ -119,7 +119,7 @@ impl Fleet {
         for (uav, plan) in self.uavs.iter().zip(plans) {
             let is_too_near = |(lower, refusal): (usize, &HoldReason)| {
                 let flies = *refusal == HoldReason::None && plans[lower].mode != Mode::Charge as u32;
-                let end = if flies { plans[lower].waypoint() } else { self.uavs[lower].position() };
+                let end = if flies { plans[lower].waypoint() } else { self.uavs[lower].vehicle.position };
                 uav.is_too_near(plan, &end.xy(), self.separation_m)
             };
             let flies = self.separation_m > 0.0 && plan.mode != Mode::Charge as u32;

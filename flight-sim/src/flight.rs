@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
-use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
+use skysink_common::channel::{Channel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
@@ -31,7 +31,7 @@ pub struct Flight {
     is_reported_down: bool,
     /// Standard deviation of the end of a slot in x and in y [m]; `None` if it ends at the waypoint.
     position_error_m: Option<f64>,
-    vehicle: Vehicle,
+    pub(crate) vehicle: Vehicle,
     positions: Arc<[Position]>,
     gains: Arc<[f64]>,
 }
@@ -78,21 +78,11 @@ impl Flight {
     pub(crate) fn refusal(&self, plan: &Plan) -> HoldReason {
         if plan.mode != Mode::Charge as u32 {
             self.vehicle.refusal(plan.waypoint())
-        } else if self.vehicle.is_base(&self.position().xy()) {
+        } else if self.vehicle.is_base(&self.vehicle.position.xy()) {
             HoldReason::None
         } else {
             HoldReason::Base
         }
-    }
-
-    /// Where it is [m].
-    pub(crate) fn position(&self) -> Point3<f64> {
-        self.vehicle.position
-    }
-
-    /// Whether its energy has ended (decision D12).
-    pub(crate) fn is_down(&self) -> bool {
-        self.vehicle.is_down()
     }
 
     /// Whether its own endurance has ended before `slot`.
@@ -108,17 +98,12 @@ impl Flight {
 
     /// Whether a slot by `plan` is one in the base, which charges.
     pub(crate) fn charges(&self, slot: u64, plan: Option<&Plan>) -> bool {
-        !self.is_down() && (self.is_over(slot) || plan.is_some_and(|plan| plan.mode == Mode::Charge as u32))
+        !self.vehicle.is_down() && (self.is_over(slot) || plan.is_some_and(|plan| plan.mode == Mode::Charge as u32))
     }
 
     /// Whether a vehicle from outside has reported to be down.
     pub(crate) fn is_reported_down(&self) -> bool {
         self.is_reported_down
-    }
-
-    /// The site on one of whose pads it would charge now ([`Vehicle::pad_site`]).
-    pub(crate) fn pad_site(&self) -> Option<usize> {
-        self.vehicle.pad_site()
     }
 
     /// The report of a slot in which it has landed, and waits for a pad (decision D34): that takes no energy, and ends a
@@ -222,7 +207,7 @@ impl Flight {
     pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
         self.begin();
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
-        if mode == Mode::Charge && report.served > 0 && !self.is_over(slot) && self.pad_site().is_some() {
+        if mode == Mode::Charge && report.served > 0 && !self.is_over(slot) && self.vehicle.pad_site().is_some() {
             self.vehicle.position = report.waypoint();
             self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
             return self.await_pad();
@@ -360,7 +345,7 @@ impl Flight {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use skysink_common::channel::Uplink;
+    use skysink_common::channel::{ChannelModel, Uplink};
     use skysink_common::message::MAX_SERVED;
     use skysink_common::scenario::Overrides;
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, HeardLink, HoldReason, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HoldReason, Plan, SensorNode};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::{ByUav, Plans};
@@ -88,25 +88,11 @@ enum Flying<'a> {
 }
 
 impl Flying<'_> {
-    fn start(&self) -> ByUav<FlightReport> {
+    /// The UAVs, wherever they are flown.
+    fn fleet(&mut self) -> &mut Fleet {
         match self {
-            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet.start(),
-            Self::Outside { fleet, .. } => fleet.start(),
-        }
-    }
-
-    fn restore(&mut self, reports: &[FlightReport]) {
-        match self {
-            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet.restore(reports),
-            Self::Outside { fleet, .. } => fleet.restore(reports),
-        }
-    }
-
-    /// What the UAVs hear at the end of `slot`.
-    fn hear(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
-        match self {
-            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet.hear(slot, reports),
-            Self::Outside { fleet, .. } => fleet.hear(slot, reports),
+            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet,
+            Self::Outside { fleet, .. } => &mut fleet.fleet,
         }
     }
 
@@ -178,11 +164,11 @@ fn fly<'a, S: Service + 'static>(
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut flying = flying(nodes.payload());
     let is_recorded = matches!(flying, Flying::Recorded { .. });
-    let mut reports = flying.start();
+    let mut reports = flying.fleet().start();
     let mut journal = journal(folder, reports.len())?;
     let mut flown = restore(&journal, reports.len())?;
     if let Some((_, reports)) = flown.last() {
-        flying.restore(reports);
+        flying.fleet().restore(reports);
     } else {
         let start = reports.clone();
         journal.save(0, &[], &start)?;
@@ -190,14 +176,14 @@ fn fly<'a, S: Service + 'static>(
     }
     flying.begin(nodes.payload(), &flown[flown.len() - 1].1)?;
     // The links before the flight, so that its readers have them; both follow from the flight after a restart.
-    let publish = |flying: &Flying<'_>, slot: u64, reports: &[FlightReport]| {
+    let publish = |fleet: &Fleet, slot: u64, reports: &[FlightReport]| {
         if let Some(links) = &links {
-            links.send_list(ring.header(slot, 0), &flying.hear(slot, reports))?;
+            links.send_list(ring.header(slot, 0), &fleet.hear(slot, reports))?;
         }
         flights.send_list(ring.header(slot, 0), reports)
     };
     for (slot, reports) in &flown {
-        publish(&flying, *slot, reports)?;
+        publish(flying.fleet(), *slot, reports)?;
     }
 
     let mut ends_ns = None;
@@ -220,7 +206,7 @@ fn fly<'a, S: Service + 'static>(
             reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));
         }
         journal.save(slot, &[], &reports)?; // before they are published
-        publish(&flying, slot, &reports)?;
+        publish(flying.fleet(), slot, &reports)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }

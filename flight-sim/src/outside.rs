@@ -4,7 +4,7 @@
 
 use nalgebra::Point3;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HoldReason, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::possible::Message as _;
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::slot_record::ByUav;
@@ -75,7 +75,8 @@ pub trait OutsideVehicle {
 /// The vehicles of a mission: where they were, and the channel above them.
 #[derive(Debug, Clone)]
 pub struct OutsideFleet {
-    fleet: Fleet,
+    /// Where they were, and what they hear there.
+    pub fleet: Fleet,
     area: Area,
     /// The published sensor nodes.
     sensors: Vec<SensorNode>,
@@ -99,23 +100,6 @@ impl OutsideFleet {
             altitude_m: scenario.uav.fixed_altitude_m(),
             reached_m,
         }
-    }
-
-    /// The reports of slot 0.
-    #[must_use]
-    pub fn start(&self) -> ByUav<FlightReport> {
-        self.fleet.start()
-    }
-
-    /// What the UAVs hear at the end of `slot` ([`Fleet::hear`]).
-    #[must_use]
-    pub fn hear(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
-        self.fleet.hear(slot, reports)
-    }
-
-    /// Moves the vehicles to where they were at the end of a slot that they have reported.
-    pub fn restore(&mut self, reports: &[FlightReport]) {
-        self.fleet.restore(reports);
     }
 
     /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside
@@ -276,7 +260,7 @@ mod tests {
     #[test]
     fn orders_return_to_the_altitude_of_the_scenario() {
         let mut fleet = fleet();
-        fleet.restore(&[FlightReport::at([50.0, 50.0, 3.0], Mode::Serve)]);
+        fleet.fleet.restore(&[FlightReport::at([50.0, 50.0, 3.0], Mode::Serve)]);
         let kept = Plan::fly_to([60.0, 50.0, 3.0], Mode::Serve);
         for plans in [Some(&[kept][..]), None] {
             assert_eq!(fleet.orders(2, plans)[0].plan.z_m, 20.0);
@@ -324,14 +308,14 @@ mod tests {
         assert_eq!(flown.each_ref().map(mode), [Mode::Serve, Mode::Down, Mode::Down]);
         assert_eq!(flown.map(|report| (report.served, report.refused)), [(1, 0), (0, 0), (0, 0)]);
         let mut restarted = self::fleet();
-        restarted.restore(&flown[2..]);
+        restarted.fleet.restore(&flown[2..]);
         assert_eq!(mode(&fly(&mut restarted, 4, Mode::Fly)), Mode::Down);
     }
 
     #[test]
     fn orders_start_at_the_reported_position() {
         let mut fleet = fleet();
-        fleet.restore(&[FlightReport::at([10.0, 20.0, 20.0], Mode::Serve)]);
+        fleet.fleet.restore(&[FlightReport::at([10.0, 20.0, 20.0], Mode::Serve)]);
         let order = fleet.orders(2, Some(&[plan(50.0, &[])]))[0];
         assert_eq!((order.position, order.hold), (Point3::new(10.0, 20.0, 20.0), HoldReason::Waypoint));
     }

@@ -11,7 +11,7 @@ use skysink_common::weights::Weights;
 /// A ledger beside that of the field, from the flights.
 #[derive(Debug)]
 pub(crate) struct Losses {
-    ledger: Ledger,
+    pub(crate) ledger: Ledger,
     weights: Weights,
     slot: u64,
     /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`; `None` if arrivals are drawn.
@@ -41,21 +41,6 @@ impl Losses {
             let _ = self.ledger.serve(self.slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
         }
         self.ledger.end_slot(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
-    }
-
-    /// Bits that have expired so far.
-    pub(crate) fn expired_bits(&self) -> u64 {
-        self.ledger.expired_bits()
-    }
-
-    /// Whether SN `sensor`, which a UAV served in the last slot, has answered.
-    pub(crate) fn has_answered(&self, sensor: u32) -> bool {
-        self.ledger.has_answered(sensor)
-    }
-
-    /// Services that a duty cycle has refused so far; `None` without one.
-    pub(crate) fn refused_duty(&self) -> Option<u64> {
-        Some(self.ledger.airtime()?.refused())
     }
 
     /// Energy that services took so far [J].

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::base::Base;
 use skysink_common::battery::Battery;
 use skysink_common::build::{VERSION, build};
+use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::pace::Pace;
@@ -361,9 +362,10 @@ impl Tally {
         let losses = self.losses.as_ref();
         let weighted_rate = |losses: &Losses| Some(ratio(losses.weighted_bits()?, losses.weighted_sampled_bits()));
         summary.weighted_loss_rate = losses.and_then(weighted_rate);
-        summary.expired_bits = summary.expired_bits.map(|none| losses.map_or(none, Losses::expired_bits));
+        let ledger = losses.map(|losses| &losses.ledger);
+        summary.expired_bits = summary.expired_bits.map(|none| ledger.map_or(none, Ledger::expired_bits));
         summary.node_energy = losses.and_then(Losses::node_energy);
-        summary.refused_duty = losses.and_then(Losses::refused_duty);
+        summary.refused_duty = ledger.and_then(|ledger| Some(ledger.airtime()?.refused()));
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
@@ -409,7 +411,7 @@ impl SlotSink for Tally {
             losses.add(record);
         }
         let losses = self.losses.as_ref();
-        let has_answered = |sensor: u32| losses.is_none_or(|losses| losses.has_answered(sensor));
+        let has_answered = |sensor: u32| losses.is_none_or(|losses| losses.ledger.has_answered(sensor));
         for link in uploads(&record.flights).filter(|link| has_answered(link.sensor)) {
             self.served += 1;
             self.gaps.serve(link.sensor as usize, self.summary.slots);

@@ -13,7 +13,7 @@ use skysink_flight_sim::outside::{REACHED_M, mode_at_end};
 use crate::control::{Phase, VehicleControl};
 use crate::frame::AreaFrame;
 use crate::preflight::{Assignment, Beginning, PreflightRefusal};
-use crate::telemetry::{Fix, Order, Telemetry};
+use crate::telemetry::{Order, Telemetry};
 
 /// Energy that a battery has to have before take-off in a scenario without one, as a fraction of its capacity.
 const DEFAULT_BATTERY: f64 = 0.3;
@@ -197,10 +197,10 @@ impl Bridge {
         is_flown && self.members.iter().all(|member| member.control.has_begun() || is_over(&member.control))
     }
 
-    /// What the vehicle of a UAV, by its number from 0, is waited for before take-off, in words after "waiting for it".
+    /// What is known of the vehicle of a UAV, by its number from 0.
     #[must_use]
-    pub fn missing(&self, uav: usize) -> Option<&'static str> {
-        self.members[uav].control.missing()
+    pub fn control(&self, uav: usize) -> &VehicleControl {
+        &self.members[uav].control
     }
 
     /// Checks that there is a vehicle to fly.
@@ -216,18 +216,6 @@ impl Bridge {
             }
             None => Ok(()),
         }
-    }
-
-    /// Whether the vehicle of a UAV, by its number from 0, was armed by an order.
-    #[must_use]
-    pub fn is_committed(&self, uav: usize) -> bool {
-        self.members[uav].control.is_committed()
-    }
-
-    /// How far from the start of a UAV, by its number from 0, a vehicle is [m].
-    #[must_use]
-    pub fn away_m(&self, uav: usize, fix: &Fix) -> Option<f64> {
-        self.members[uav].control.away_m(fix)
     }
 
     /// Notes that the bridge was suspended for `suspended_s` [s].

@@ -380,7 +380,12 @@ impl VehicleControl {
         let position = self.position().filter(|_| self.has_current_position(now_s));
         let Self { preflight, vehicle, takeover, assignment, .. } = self;
         match preflight.judge(vehicle, position, takeover, assignment, now_s, orders)? {
-            Clearance::Wait(missing) => self.say_waiting(missing, now_s),
+            Clearance::Wait(missing) => {
+                self.preflight.missing = Some(missing);
+                if self.preflight.is_line_due(now_s) {
+                    self.said.say(format!("waiting for it {missing}"));
+                }
+            }
             Clearance::GiveUp(why) => self.give_up(&why),
             Clearance::Arm => {
                 self.say_findings();
@@ -401,13 +406,6 @@ impl VehicleControl {
     fn say_findings(&mut self) {
         for line in self.preflight.findings(&self.vehicle) {
             self.said.say(line);
-        }
-    }
-
-    fn say_waiting(&mut self, missing: &'static str, now_s: f64) {
-        self.preflight.missing = Some(missing);
-        if self.preflight.is_line_due(now_s) {
-            self.said.say(format!("waiting for it {missing}"));
         }
     }
 

@@ -241,7 +241,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         let now_s = self.now_s();
         self.bridge.return_home("the mission is over", now_s);
-        self.say_results();
+        self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
         self.wait_for_release(ring)
     }
 
@@ -301,7 +301,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let now_s = self.now_s();
         let bridge = &self.bridge;
         self.link
-            .choose(now_s, |uav| bridge.is_committed(uav), |uav, fix| bridge.away_m(uav, fix))
+            .choose(now_s, |uav| bridge.control(uav).is_committed(), |uav, fix| bridge.control(uav).away_m(fix))
             .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
         self.save_chosen();
         self.exchange()?;
@@ -429,15 +429,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
             if let Some(address) = self.link.awaited_at(uav) {
                 Role::FlightSim
                     .log(format_args!("vehicle {number}: no vehicle was heard at {address} for {seconds:.0} s"));
-            } else if let Some(missing) = self.bridge.missing(uav) {
+            } else if let Some(missing) = self.bridge.control(uav).missing() {
                 Role::FlightSim.log(format_args!("vehicle {number}: waited {seconds:.0} s for it {missing}"));
             }
         }
-    }
-
-    /// Says how near the vehicles came to their waypoints, and how soon they were told.
-    fn say_results(&self) {
-        self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
     }
 }
 

@@ -247,12 +247,6 @@ impl VehicleState {
         self.fix.as_ref().map(|(fix, _)| fix)
     }
 
-    /// When its last position came [s].
-    #[must_use]
-    pub fn fix_s(&self) -> Option<f64> {
-        self.fix.as_ref().map(|(_, heard_s)| *heard_s)
-    }
-
     /// Whether its position is current.
     #[must_use]
     pub fn has_current_fix(&self, now_s: f64) -> bool {

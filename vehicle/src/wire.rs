@@ -141,11 +141,6 @@ impl WireAddress {
         mavlink::MavConnection::set_allow_recv_any_version(&mut connection, true);
         Ok(Transport::Stream(Box::new(connection)))
     }
-
-    /// Whether opening it waits for nobody: it then fails at once if it cannot be opened at all.
-    fn opens_at_once(&self) -> bool {
-        self.endpoint.starts_with("udp") || self.endpoint.starts_with("serial")
-    }
 }
 
 /// An open connection.
@@ -200,7 +195,9 @@ impl Wire {
     /// # Errors
     /// If the address of a UDP or serial connection cannot be opened. Others are opened as soon as there is a peer.
     pub fn open(address: &WireAddress) -> io::Result<Self> {
-        let first = address.opens_at_once().then(|| address.open()).transpose()?;
+        // Opening these waits for nobody: it fails at once if they cannot be opened at all.
+        let opens_at_once = address.endpoint.starts_with("udp") || address.endpoint.starts_with("serial");
+        let first = opens_at_once.then(|| address.open()).transpose()?;
         let open = Arc::new(Mutex::new(first.map(Arc::new)));
         let (sender, received) = sync_channel(WAITING);
         let wire = Self { open: Arc::clone(&open), received };

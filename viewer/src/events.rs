@@ -1,7 +1,7 @@
 //! The event log, the state lane of the UAV, and the status text.
 
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{Scalars, SeriesPoints, StateChange, StateConfiguration, TextLog};
+use re_sdk_types::archetypes::{Scalars, StateChange, StateConfiguration, TextLog};
 use re_sdk_types::components::{MarkerShape, TextLogLevel};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
@@ -10,6 +10,7 @@ use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::files::Part;
 use crate::recording::Recording;
+use crate::shapes::point_style;
 use crate::slot::SlotView;
 
 /// Entity of the event log.
@@ -71,12 +72,7 @@ impl Events {
             canvas.log_static(lane_of(uav), &style)?;
         }
         for (name, colour) in states(has_base).zip(colours) {
-            let points = SeriesPoints::new()
-                .with_names([name])
-                .with_colors([colour])
-                .with_markers([MarkerShape::Square])
-                .with_marker_sizes([4.0]);
-            canvas.log_static(format!("{STATES}/{name}"), &points)?;
+            canvas.log_static(format!("{STATES}/{name}"), &point_style(name, colour, MarkerShape::Square, 4.0))?;
         }
         let due = (recording.part == Part::Later).then_some(CONTINUED);
         Ok(Self { due, states: vec![None; uavs], is_lossy: None, is_live: recording.port.is_some() })

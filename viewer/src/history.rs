@@ -16,6 +16,8 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::uploads;
 
+use crate::zones::Raster;
+
 /// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
 
@@ -43,7 +45,9 @@ pub(crate) struct SensorHistory {
     died: Vec<u32>,
     /// Sampled in the last slot, by SN [bit]; empty if arrivals are constant.
     sampled_now_bits: Vec<u64>,
-    pub(crate) grid: CoverageGrid,
+    /// Cells over the area, and the communication radius, within which they are in range [m].
+    pub(crate) grid: Raster,
+    radius_m: f64,
     pub(crate) sums: Sums,
 }
 
@@ -60,18 +64,6 @@ pub(crate) struct Sums {
     in_range: Vec<u64>,
 }
 
-/// Square cells over the area, row by row from the north-west.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct CoverageGrid {
-    pub(crate) columns: usize,
-    pub(crate) rows: usize,
-    /// Side of a cell [m].
-    pub(crate) cell_m: f64,
-    /// Extent of the area in y [m].
-    depth_m: f64,
-    radius_m: f64,
-}
-
 impl SensorHistory {
     /// The loss rate so far, `η`, of a mission with these `totals` (decisions D3 and D24).
     pub(crate) fn loss_rate(&self, totals: &Totals) -> f64 {
@@ -84,9 +76,12 @@ impl SensorHistory {
 
     /// The history before the first slot.
     pub(crate) fn new(scenario: &Scenario, sensors: &Arc<Sensors>) -> Self {
-        let grid = CoverageGrid::over(scenario);
+        let radius_m = scenario.link.comm_radius_m;
+        let longer_m = scenario.area.width_m().max(scenario.area.height_m());
+        let cells = (longer_m / (0.25 * radius_m)).clamp(CELLS[0], CELLS[1]).ceil();
+        let grid = Raster::over(&scenario.area, cells as u32);
         let count = sensors.count();
-        let in_range = vec![0; grid.columns * grid.rows];
+        let in_range = vec![0; (grid.columns * grid.rows) as usize];
         let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
         Self {
             sensors: Arc::clone(sensors),
@@ -95,6 +90,7 @@ impl SensorHistory {
             died: Vec::new(),
             sampled_now_bits: Vec::new(),
             grid,
+            radius_m,
             sums,
         }
     }
@@ -102,7 +98,7 @@ impl SensorHistory {
     /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN loses
     /// what it holds and samples.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
-        let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, sums, .. } = self;
+        let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, radius_m, sums, .. } = self;
         died.clear();
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
@@ -124,7 +120,7 @@ impl SensorHistory {
         let held = |&bits: &u32| if sensors.may_refuse { held_bits(bits) } else { bits };
         sums.queues_bits.clear();
         sums.queues_bits.extend(queues_bits.iter().map(held));
-        for cell in uavs.into_iter().flat_map(|uav| grid.in_range(uav)) {
+        for cell in uavs.into_iter().flat_map(|uav| in_range(*grid, *radius_m, uav)) {
             sums.in_range[cell] = slot + 1;
         }
     }
@@ -213,33 +209,19 @@ impl Sums {
     }
 }
 
-impl CoverageGrid {
-    fn over(scenario: &Scenario) -> Self {
-        let extents_m = [scenario.area.width_m(), scenario.area.height_m()];
-        let longer_m = extents_m[0].max(extents_m[1]);
-        let radius_m = scenario.link.comm_radius_m;
-        let cells = (longer_m / (0.25 * radius_m)).clamp(CELLS[0], CELLS[1]).ceil();
-        let cell_m = longer_m / cells;
-        let [columns, rows] = extents_m.map(|extent_m| ((extent_m / cell_m).ceil() as usize).max(1));
-        Self { columns, rows, cell_m, depth_m: extents_m[1], radius_m }
-    }
-
-    /// The cells in range of a UAV above `uav`: those whose centre is in range, and the one below it.
-    fn in_range(self, uav: Position) -> impl Iterator<Item = usize> {
-        let index = |at_m: f64, count: usize| ((at_m / self.cell_m).floor().max(0.0) as usize).min(count - 1);
-        let south_m = self.depth_m - uav.y;
-        let here = [index(uav.x, self.columns), index(south_m, self.rows)];
-        let columns = index(uav.x - self.radius_m, self.columns)..=index(uav.x + self.radius_m, self.columns);
-        let rows = index(south_m - self.radius_m, self.rows)..=index(south_m + self.radius_m, self.rows);
-        let is_in_range = move |&[column, row]: &[usize; 2]| {
-            let centre_m = [column, row].map(|place| (place as f64 + 0.5) * self.cell_m);
-            let centre = Position::new(centre_m[0], self.depth_m - centre_m[1]);
-            [column, row] == here || distance_squared(&centre, &uav) <= self.radius_m * self.radius_m
-        };
-        rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
-            .filter(is_in_range)
-            .map(move |[column, row]| row * self.columns + column)
-    }
+/// The cells in range of a UAV above `uav`: those whose centre is in range, and the one below it.
+fn in_range(grid: Raster, radius_m: f64, uav: Position) -> impl Iterator<Item = usize> {
+    let index = |at_m: f64, count: u32| ((at_m / grid.cell_m).floor().max(0.0) as u32).min(count - 1);
+    let south_m = grid.depth_m - uav.y;
+    let here = [index(uav.x, grid.columns), index(south_m, grid.rows)];
+    let columns = index(uav.x - radius_m, grid.columns)..=index(uav.x + radius_m, grid.columns);
+    let rows = index(south_m - radius_m, grid.rows)..=index(south_m + radius_m, grid.rows);
+    let is_in_range = move |&[column, row]: &[u32; 2]| {
+        [column, row] == here || distance_squared(&grid.centre(column, row), &uav) <= radius_m * radius_m
+    };
+    rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
+        .filter(is_in_range)
+        .map(move |[column, row]| (row * grid.columns + column) as usize)
 }
 
 #[cfg(test)]
@@ -327,7 +309,7 @@ mod tests {
     #[test]
     fn a_cell_is_in_range_if_its_centre_is() {
         let mut history = history();
-        let CoverageGrid { columns, rows, cell_m, .. } = history.grid;
+        let Raster { columns, rows, cell_m, .. } = history.grid;
         assert_eq!((columns, rows, cell_m), (40, 40, 2.5));
         history.add(0, &[0; 3], [Position::new(0.0, 100.0)]); // the north-west corner, radius 10 m
         let seen: Vec<usize> =

@@ -9,9 +9,8 @@ pub mod profile;
 use std::sync::Arc;
 
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{Points3D, Scalars, SeriesPoints};
-use re_sdk_types::components::MarkerShape;
-use re_sdk_types::components::Radius;
+use re_sdk_types::archetypes::{Points3D, Scalars};
+use re_sdk_types::components::{MarkerShape, Radius};
 use skysink_common::channel::{Channel, LineOfSight, Uplink};
 use skysink_common::message::{FlightReport, LinkReport};
 use skysink_common::scenario::Scenario;
@@ -19,7 +18,7 @@ use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::shapes::{curve_style, drawn};
+use crate::shapes::{curve_style, drawn, point_style};
 use crate::sizes::Sizes;
 use profile::Profile;
 
@@ -126,12 +125,7 @@ fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
     for (root, mean) in [(ELEVATION, "mean elevation [°]"), (PROBABILITY, "mean probability of line of sight")] {
         canvas.log_static(format!("{root}/{MEAN}"), &curve_style(mean, colour::UAV))?;
         for (name, colour) in [(SIGHT, colour::SIGHT), (BLOCKED, colour::BLOCKED)] {
-            let points = SeriesPoints::new()
-                .with_names([name])
-                .with_colors([colour])
-                .with_markers([MarkerShape::Circle])
-                .with_marker_sizes([1.5]);
-            canvas.log_static(format!("{root}/{name}"), &points)?;
+            canvas.log_static(format!("{root}/{name}"), &point_style(name, colour, MarkerShape::Circle, 1.5))?;
         }
     }
     let mark = Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(1.0)]);

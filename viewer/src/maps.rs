@@ -11,13 +11,13 @@ use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::history::{CoverageGrid, SensorHistory};
+use crate::history::SensorHistory;
 use crate::names::SensorNames;
 use crate::rhythm::Rhythm;
 use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
 use crate::steps::{ScaleStep, Steps};
-use crate::zones::outlines;
+use crate::zones::{Raster, outlines};
 
 /// Root of the entities that all maps share: frame, grid, numbers at the axes, outlines of zones and base.
 pub const AREA: &str = "maps/area";
@@ -146,11 +146,10 @@ impl SteppedMap {
         map: &str,
         frame: &MapFrame,
         steps: Steps,
-        grid: CoverageGrid,
+        grid: Raster,
     ) -> RecordingStreamResult<Self> {
         let map = Self::open(canvas, map, frame, steps)?;
-        let size = [grid.columns, grid.rows].map(|cells| cells as u32);
-        let format = ImageFormat::from_color_model(size, ColorModel::L, ChannelDatatype::U8);
+        let format = ImageFormat::from_color_model([grid.columns, grid.rows], ColorModel::L, ChannelDatatype::U8);
         let image = SegmentationImage::update_fields().with_format(format).with_opacity(1.0).with_draw_order(-20.0);
         canvas.log_static(&map.shown, &image)?;
         canvas.log_static(&map.shown, &Transform3D::from_scale([grid.cell_m as f32; 3]))?;

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use re_sdk_types::archetypes::TextDocument;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
-use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -138,9 +137,8 @@ impl Picture {
         if found != expected {
             return Err(SceneError::Queues { slot: view.slot, found, expected });
         }
-        if let Some(belief) = &mut self.belief {
-            belief.observe(&self.history, view.slot, view.queues_bits, view.flights);
-        }
+        let belief = self.belief.iter_mut();
+        belief.for_each(|belief| belief.observe(&self.history, view.slot, view.queues_bits, view.flights));
         self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
         self.history.credit(view.flights);
         self.uavs.iter_mut().zip(view.flights).for_each(|(uav, flight)| uav.observe(flight));
@@ -155,13 +153,11 @@ impl Picture {
     /// If rerun fails.
     pub(crate) fn draw(&mut self, view: &SlotView, missed_slots: u64) -> Result<Fill, SceneError> {
         let canvas = &self.canvas;
-        if let Some(belief) = &mut self.belief {
-            belief.draw(canvas, view.slot, &self.history.sums.queues_bits)?;
-        }
+        let queues_bits = &self.history.sums.queues_bits;
+        self.belief.iter_mut().try_for_each(|belief| belief.draw(canvas, view.slot, queues_bits))?;
         let fill = self.queues.log_slot(canvas, &self.history, &view.header.totals)?;
-        if let Some(maps) = &mut self.maps {
-            maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight().x_m, view.flight().y_m))?;
-        }
+        let ground = view.flight().position().xy();
+        self.maps.iter_mut().try_for_each(|maps| maps.log_slot(canvas, view.slot, &self.history, ground))?;
         let mut labels = Vec::new();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let flight = &view.flights[number];
@@ -171,19 +167,13 @@ impl Picture {
         }
         let places = view.flights.iter().map(|flight| self.sizes.on_map(&flight.position().xy()));
         uav::show_labels_above(canvas, places, &labels)?;
-        if let Some(geo) = &mut self.geo {
-            geo.draw(canvas)?;
-        }
+        self.geo.iter_mut().try_for_each(|geo| geo.draw(canvas))?;
         self.path.log(canvas, view.paths)?;
         self.links.log_circles(canvas, view.plan())?;
         self.links.log_links(canvas, view.flights)?;
         self.links.log_heard(canvas, view.flights, view.heard)?;
-        if let Some(energy) = &mut self.energy {
-            energy.log_slot(canvas, view)?;
-        }
-        if let Some(los) = &mut self.los {
-            los.log_slot(canvas, view.flight())?;
-        }
+        self.energy.iter_mut().try_for_each(|energy| energy.log_slot(canvas, view))?;
+        self.los.iter_mut().try_for_each(|los| los.log_slot(canvas, view.flight()))?;
         let status = status(view, &self.history, &self.names, &self.readout.clock(view.slot));
         canvas.show(events::STATUS, &TextDocument::from_markdown(status))?;
         self.curves.log_slot(canvas, view, fill, missed_slots, self.history.sampled_now_bits())?;
@@ -199,9 +189,7 @@ impl Picture {
         self.links.log_circles(canvas, None)?;
         self.links.log_links(canvas, &[])?;
         self.links.log_heard(canvas, &[], &[])?;
-        if let Some(los) = &mut self.los {
-            los.log_missed(canvas)?;
-        }
+        self.los.iter_mut().try_for_each(|los| los.log_missed(canvas))?;
         Ok(self.events.log_missed(canvas, first, last)?)
     }
 }

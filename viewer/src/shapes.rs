@@ -4,8 +4,8 @@ use std::f32::consts::TAU;
 
 use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{LineStrips3D, Points2D, Points3D, SeriesLines, Transform3D};
-use re_sdk_types::components::Radius;
+use re_sdk_types::archetypes::{LineStrips3D, Points2D, Points3D, SeriesLines, SeriesPoints, Transform3D};
+use re_sdk_types::components::{MarkerShape, Radius};
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
@@ -52,6 +52,11 @@ pub(crate) fn line_style(colour: Rgb, width_ui: f32) -> LineStrips3D {
 /// A curve of one colour, under the name `name`.
 pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
     SeriesLines::new().with_names([name]).with_colors([colour]).with_widths([1.5])
+}
+
+/// A point for each value in a plot, under the name `name`.
+pub(crate) fn point_style(name: &str, colour: Rgb, marker: MarkerShape, size: f32) -> SeriesPoints {
+    SeriesPoints::new().with_names([name]).with_colors([colour]).with_markers([marker]).with_marker_sizes([size])
 }
 
 /// Text in the scene, below points that are not seen themselves.

@@ -76,13 +76,15 @@ pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensor
     canvas.log_static(SHADOWS, &map.with_colormap(Colormap::Grayscale).with_opacity(SHADOW_OPACITY))
 }
 
-/// Square cells over the area, row by row from the north-west, of an image on the ground.
+/// Square cells over the area, row by row from the north-west.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Raster {
-    columns: u32,
-    rows: u32,
-    cell_m: f64,
+    pub(crate) columns: u32,
+    pub(crate) rows: u32,
+    /// Side of a cell [m].
+    pub(crate) cell_m: f64,
     /// Extent of the area in y [m].
-    depth_m: f64,
+    pub(crate) depth_m: f64,
 }
 
 impl Raster {
@@ -94,14 +96,18 @@ impl Raster {
         Self { columns, rows, cell_m, depth_m: sides_m[1] }
     }
 
-    /// The middles of the cells [m].
-    pub(crate) fn centres(&self) -> impl Iterator<Item = Position> {
-        let centre = |cell: u32| (f64::from(cell) + 0.5) * self.cell_m;
-        let at = move |row: u32, column: u32| Position::new(centre(column), self.depth_m - centre(row));
-        (0..self.rows).flat_map(move |row| (0..self.columns).map(move |column| at(row, column)))
+    /// The middle of a cell [m].
+    pub(crate) fn centre(&self, column: u32, row: u32) -> Position {
+        let [east_m, south_m] = [column, row].map(|cell| (f64::from(cell) + 0.5) * self.cell_m);
+        Position::new(east_m, self.depth_m - south_m)
     }
 
-    /// The image with these pixels.
+    /// The middles of the cells [m].
+    pub(crate) fn centres(&self) -> impl Iterator<Item = Position> {
+        (0..self.rows).flat_map(move |row| (0..self.columns).map(move |column| self.centre(column, row)))
+    }
+
+    /// The image on the ground with these pixels.
     pub(crate) fn map(&self, pixels: Vec<u8>, colours: ColorModel) -> GridMap {
         let format = ImageFormat::from_color_model([self.columns, self.rows], colours, ChannelDatatype::U8);
         let lowest_m = self.depth_m - f64::from(self.rows) * self.cell_m;

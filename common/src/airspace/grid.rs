@@ -343,11 +343,10 @@ impl CellGrid {
         self.under_way(slot, from).unwrap_or_else(|| {
             // Told a place on the way to a neighbour, it flies on to the neighbour.
             let toward = match (self.spot(from), self.spot(to)) {
-                (Some(Spot::Cell(cell)), Some(Spot::Between(a, b, _))) if cell == a && self.is_neighbour(a, b) => {
-                    Some(b)
-                }
-                (Some(Spot::Cell(cell)), Some(Spot::Between(a, b, _))) if cell == b && self.is_neighbour(a, b) => {
-                    Some(a)
+                (Some(Spot::Cell(cell)), Some(Spot::Between(a, b, _)))
+                    if [a, b].contains(&cell) && self.is_neighbour(a, b) =>
+                {
+                    Some(if cell == a { b } else { a })
                 }
                 _ => {
                     // Told a place in reach, as far as the slots of a move would lead.

@@ -2,7 +2,7 @@
 
 use smallvec::SmallVec;
 
-use crate::geometry::{Position, distance_squared};
+use crate::geometry::{Position, distance_squared, extent};
 
 /// Bends of a way, and its end.
 pub type Bends = SmallVec<[Position; 4]>;
@@ -48,18 +48,27 @@ impl Polygon {
         if corners.len() < 3 || !corners.iter().all(is_measurable) {
             return Err(EXPECTED);
         }
-        let twice_m2 = edges(&corners).map(|[a, b]| (a - corners[0]).perp(&(b - corners[0]))).sum::<f64>();
-        let [lowest, highest] =
-            corners.iter().fold([corners[0]; 2], |[low, high], corner| [low.inf(corner), high.sup(corner)]);
-        let ring = Self { corners, lowest, highest, is_border };
-        if twice_m2.abs() <= 1e-12 * (highest - lowest).norm_squared() || ring.crosses_itself() {
+        let mut ring = Self::ring(corners, is_border);
+        let twice_m2 = ring.twice_m2();
+        if twice_m2.abs() <= 1e-12 * (ring.highest - ring.lowest).norm_squared() || ring.crosses_itself() {
             return Err(EXPECTED);
         }
-        let mut ring = ring;
         if (twice_m2 > 0.0) == is_border {
             ring.corners.reverse();
         }
         Ok(ring)
+    }
+
+    /// The ring of these corners as they are, of which there are some.
+    fn ring(corners: Vec<Position>, is_border: bool) -> Self {
+        let [lowest, highest] = extent(corners.iter().copied()).expect("a polygon has corners");
+        Self { corners, lowest, highest, is_border }
+    }
+
+    /// Twice its area [m²], below 0 if its corners go clockwise.
+    fn twice_m2(&self) -> f64 {
+        let origin = self.corners[0];
+        edges(&self.corners).map(|[a, b]| (a - origin).perp(&(b - origin))).sum()
     }
 
     /// Its corners [m], with the forbidden side to the left.
@@ -77,10 +86,8 @@ impl Polygon {
     /// The part of its bounding box that it fills.
     #[must_use]
     pub fn filled(&self) -> f64 {
-        let origin = self.corners[0];
-        let twice_m2: f64 = edges(&self.corners).map(|[a, b]| (a - origin).perp(&(b - origin))).sum();
         let sides = self.highest - self.lowest;
-        twice_m2.abs() / 2.0 / (sides.x * sides.y)
+        self.twice_m2().abs() / 2.0 / (sides.x * sides.y)
     }
 
     /// Whether what is forbidden is the outside.
@@ -91,9 +98,7 @@ impl Polygon {
 
     /// The polygon with other corners [m], in the same direction; `None` if it would cross itself.
     pub(super) fn with_corners(&self, corners: Vec<Position>) -> Option<Self> {
-        let [lowest, highest] =
-            corners.iter().fold([corners[0]; 2], |[low, high], corner| [low.inf(corner), high.sup(corner)]);
-        let ring = Self { corners, lowest, highest, is_border: self.is_border };
+        let ring = Self::ring(corners, self.is_border);
         (!ring.crosses_itself()).then_some(ring)
     }
 

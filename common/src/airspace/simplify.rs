@@ -10,7 +10,7 @@ use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
 use super::polygon::{Polygon, nearest_between};
-use crate::geometry::Position;
+use crate::geometry::{Position, extent};
 
 /// A corner of a ring, and the edge from it to the next one.
 #[derive(Debug)]
@@ -192,7 +192,7 @@ impl<'k> Outlines<'k> {
         if self.kept.meets(&triangle) {
             return false;
         }
-        let [low, high] = extent(&triangle);
+        let [low, high] = extent(triangle).expect("a triangle has corners");
         let near = self.edges.locate_in_envelope_intersecting(&AABB::from_corners([low.x, low.y], [high.x, high.y]));
         near.map(|edge| edge.data).all(|[from, to]| {
             let is_gone = self.corners[from].is_left_out || self.corners[from].after != to;
@@ -258,16 +258,10 @@ fn holds([a, b, c]: &[Position; 3], point: &Position) -> bool {
     sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
 }
 
-/// The corners of the bounding box of a triangle.
-fn extent(triangle: &[Position; 3]) -> [Position; 2] {
-    triangle.iter().fold([triangle[0]; 2], |[low, high], at| [low.inf(at), high.sup(at)])
-}
-
 /// Whether a polygon and a triangle have a point in common; also true of some that are in line with each other.
 fn do_meet(polygon: &Polygon, triangle: &[Position; 3]) -> bool {
-    let [low, high] = extent(triangle);
     let [lowest, highest] = polygon.extent();
-    let is_near = low.sup(&lowest) <= high.inf(&highest);
+    let is_near = extent(*triangle).is_some_and(|[low, high]| low.sup(&lowest) <= high.inf(&highest));
     if !is_near {
         return false;
     }

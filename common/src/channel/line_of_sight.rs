@@ -246,11 +246,6 @@ impl LineOfSight {
 }
 
 impl ChannelModel for LineOfSight {
-    #[inline]
-    fn comm_s(&self) -> f64 {
-        self.comm_s
-    }
-
     /// `P_L R_L + (1 − P_L) R_N`; not the rate of the expected gain, which is higher.
     #[inline]
     fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {

@@ -15,7 +15,7 @@ use strum::VariantNames;
 
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use super::table::Step;
-use crate::csv_rows::read_rows;
+use crate::csv_rows::{grid_axes, read_rows};
 use crate::error::{InputError, read_bytes, read_text};
 use crate::geometry::Position;
 use crate::keys::Only;
@@ -237,29 +237,10 @@ pub(super) fn key(place: &Position) -> [u64; 2] {
 impl LevelGrid {
     /// The grid of these rows, sorted.
     fn new(rows: &[Row]) -> Result<Self, String> {
-        let coordinates = |row: &Row| [row.1, row.2, row.3];
-        let axes_m = [0, 1, 2].map(|axis| {
-            let mut values_m: Vec<f64> = rows.iter().map(|row| coordinates(row)[axis]).collect();
-            values_m.sort_unstable_by(f64::total_cmp);
-            values_m.dedup();
-            values_m
-        });
-        let of = |[x_m, y_m, z_m]: [f64; 3]| format!("sensor `{}`, x_m = {x_m}, y_m = {y_m}, z_m = {z_m}", rows[0].0);
-        if let Some(pair) = rows.windows(2).find(|pair| coordinates(&pair[0]) == coordinates(&pair[1])) {
-            return Err(format!("{} twice: expected it once", of(coordinates(&pair[0]))));
-        }
-        let [east_m, north_m, up_m] = &axes_m;
-        let mut points = rows.iter().map(coordinates);
-        for &x_m in east_m {
-            for &y_m in north_m {
-                for &z_m in up_m {
-                    if points.next() != Some([x_m, y_m, z_m]) {
-                        let place = of([x_m, y_m, z_m]);
-                        return Err(format!("no row with {place}: expected one for each point of the grid"));
-                    }
-                }
-            }
-        }
+        let points: Vec<[f64; 3]> = rows.iter().map(|row| [row.1, row.2, row.3]).collect();
+        let named =
+            |[x_m, y_m, z_m]: [f64; 3]| format!("sensor `{}`, x_m = {x_m}, y_m = {y_m}, z_m = {z_m}", rows[0].0);
+        let axes_m = grid_axes(&points, named)?;
         let levels: Vec<f64> = rows.iter().map(|row| row.4.unwrap_or(NO_LINK)).collect();
         let highest = levels.iter().copied().fold(NO_LINK, f64::max);
         Ok(Self { axes_m, levels, highest })
@@ -358,11 +339,6 @@ impl MapChannel {
 }
 
 impl ChannelModel for MapChannel {
-    #[inline]
-    fn comm_s(&self) -> f64 {
-        self.comm_s
-    }
-
     fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
         self.mean_over_draws(uplink, &|rate_bps| rate_bps)
     }

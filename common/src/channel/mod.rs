@@ -285,6 +285,19 @@ impl Channel {
         Uplink::at(gain, d2_m2, z_m - self.buildings().map_or(0.0, Buildings::sensors_height_m))
     }
 
+    /// Whole bits that an uplink of `rate_bps` [bit/s] carries in one slot: `floor(r τ_c)` (UTS eq. 7).
+    #[must_use]
+    #[inline]
+    pub fn capacity_bits(&self, rate_bps: f64) -> u64 {
+        let comm_s = match self {
+            Self::FreeSpace(model) => model.comm_s,
+            Self::LineOfSight(model) => model.comm_s,
+            Self::Table(model) => model.comm_s,
+            Self::Map(model) => model.comm_s,
+        };
+        carried_bits(rate_bps, comm_s)
+    }
+
     /// The buildings that decide on line of sight; `None` for other channels.
     #[must_use]
     #[inline]

@@ -70,9 +70,6 @@ impl Uplink {
 /// The properties of a channel model.
 #[enum_dispatch]
 pub trait ChannelModel {
-    /// Time for communication in a slot, `τ_c` [s].
-    fn comm_s(&self) -> f64;
-
     /// Expected rate [bit/s] of one uplink.
     fn expected_rate_bps(&self, uplink: &Uplink) -> f64;
 
@@ -120,12 +117,6 @@ pub trait ChannelModel {
     /// The range of the reference gain (linear) that is redrawn in every slot; `None` if gains do not change.
     fn drawn_gains(&self) -> Option<[f64; 2]> {
         None
-    }
-
-    /// Whole bits that an uplink of `rate_bps` [bit/s] carries in one slot: `floor(r τ_c)` (UTS eq. 7).
-    #[inline]
-    fn capacity_bits(&self, rate_bps: f64) -> u64 {
-        carried_bits(rate_bps, self.comm_s())
     }
 }
 

@@ -8,7 +8,7 @@ use rand::RngExt;
 use xxhash_rust::xxh3::xxh3_128;
 
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
-use crate::csv_rows::read_rows;
+use crate::csv_rows::{grid_axes, read_rows};
 use crate::error::{InputError, read_text};
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
@@ -119,33 +119,12 @@ impl RateTable {
             return Err(refuse("line 1: no rows: expected a row for each point of a grid".to_owned()));
         }
         rows.sort_unstable_by(|a, b| a.partial_cmp(b).expect("the numbers are finite"));
-        let distinct = |column: usize| {
-            let mut values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
-            values.sort_unstable_by(f64::total_cmp);
-            values.dedup();
-            values
+        let points: Vec<[f64; 3]> = rows.iter().map(|row| [row[0], row[1], row[2]]).collect();
+        let named = |[distance_m, altitude_m, probability]: [f64; 3]| {
+            format!("distance_m = {distance_m}, altitude_m = {altitude_m}, probability = {probability}")
         };
+        let [distances_m, altitudes_m, probabilities] = grid_axes(&points, named).map_err(refuse)?;
         let rates_bps = rows.iter().map(|row| row[3]).collect();
-        let [distances_m, altitudes_m, probabilities] = [0, 1, 2].map(distinct);
-        let is_repeated = |pair: &[[f64; 4]]| pair[0][..3] == pair[1][..3];
-        if let Some([[distance_m, altitude_m, probability, _], ..]) = rows.windows(2).find(|pair| is_repeated(pair)) {
-            return Err(refuse(format!(
-                "distance_m = {distance_m}, altitude_m = {altitude_m}, probability = {probability} twice: expected it once"
-            )));
-        }
-        let mut points = rows.iter().map(|row| [row[0], row[1], row[2]]);
-        for &distance_m in &distances_m {
-            for &altitude_m in &altitudes_m {
-                for &probability in &probabilities {
-                    if points.next() != Some([distance_m, altitude_m, probability]) {
-                        return Err(refuse(format!(
-                            "no row with distance_m = {distance_m}, altitude_m = {altitude_m}, probability = \
-                             {probability}: expected one for each point of the grid"
-                        )));
-                    }
-                }
-            }
-        }
         Self::new(distances_m, altitudes_m, probabilities, rates_bps).map_err(refuse)
     }
 
@@ -248,11 +227,6 @@ pub struct TableChannel {
 }
 
 impl ChannelModel for TableChannel {
-    #[inline]
-    fn comm_s(&self) -> f64 {
-        self.comm_s
-    }
-
     fn expected_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
         self.table.interpolated(d2_m2.sqrt(), z_m, |point| self.table.means_bps[point])
     }

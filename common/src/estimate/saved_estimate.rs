@@ -1,5 +1,7 @@
 //! The checkpoint of an estimate, from which a restarted planner resumes.
 
+use std::mem::discriminant;
+
 use crate::checkpoint::CheckpointError;
 use crate::node_energy::DEAD;
 use serde::{Deserialize, Serialize};
@@ -46,14 +48,8 @@ impl Estimate {
         }
         for contact in contacted {
             let sensor = &mut sensors[contact.id as usize];
-            let is_same_kind = |(one, other): (Learnt, Learnt)| {
-                matches!(
-                    (one, other),
-                    (Learnt::Counted(_), Learnt::Counted(_)) | (Learnt::Random(_), Learnt::Random(_))
-                )
-            };
-            let is_possible = contact.learnt.is_some() == sensor.contact.learnt.is_some()
-                && contact.learnt.zip(sensor.contact.learnt).is_none_or(is_same_kind)
+            let kind = |contact: &Contact| contact.learnt.as_ref().map(discriminant);
+            let is_possible = kind(&contact) == kind(&sensor.contact)
                 && self.is_possible_last(&contact, observed, sensor.capacity_bits);
             CheckpointError::ensure(is_possible, "possible last contacts")?;
             sensor.contact = contact;

@@ -133,12 +133,12 @@ impl FoundPoints {
                 }
                 "Polygon" => {
                     let polygon = polygon(child);
-                    let polygon = polygon.map_err(|message| format!("{}: {message}", self.next_polygon(properties)))?;
-                    let is_clamped = altitude_mode(child).starts_with("clamp");
-                    if is_clamped && polygon.has_altitude && polygon.is_extruded {
+                    let (polygon, has_vain_altitude) =
+                        polygon.map_err(|message| format!("{}: {message}", self.next_polygon(properties)))?;
+                    if has_vain_altitude {
                         self.ignored.push(IgnoredItem::of("altitude of a polygon clamped to the ground", properties));
                     }
-                    self.polygons.push(FoundPolygon { properties: properties.to_vec(), ..polygon.found });
+                    self.polygons.push(FoundPolygon { properties: properties.to_vec(), ..polygon });
                     true
                 }
                 "LineString" => {
@@ -170,14 +170,8 @@ fn point(point: &XmlElement) -> Result<FoundPoint, String> {
     }
 }
 
-/// A polygon with what its altitudes are.
-struct ReadPolygon {
-    found: FoundPolygon,
-    is_extruded: bool,
-    has_altitude: bool,
-}
-
-fn polygon(polygon: &XmlElement) -> Result<ReadPolygon, String> {
+/// A polygon without its properties, and whether its sides are drawn from altitudes that are clamped to the ground.
+fn polygon(polygon: &XmlElement) -> Result<(FoundPolygon, bool), String> {
     let rings = |boundary| polygon.named(boundary).flat_map(|boundary| boundary.named("LinearRing"));
     let outer = rings("outerBoundaryIs").map(tuples).collect::<Result<Vec<_>, _>>()?;
     let inner = rings("innerBoundaryIs").map(tuples).collect::<Result<Vec<_>, _>>()?;
@@ -196,11 +190,9 @@ fn polygon(polygon: &XmlElement) -> Result<ReadPolygon, String> {
     };
     let corners = |ring: Vec<FoundPoint>| ring.into_iter().map(|corner| corner.position).collect();
     let rings = std::iter::once(outer).chain(inner).map(corners).collect();
-    Ok(ReadPolygon {
-        found: FoundPolygon { rings, extrusion, properties: Vec::new() },
-        is_extruded,
-        has_altitude: highest_m.is_some_and(|altitude_m| altitude_m != 0.0),
-    })
+    let has_altitude = is_extruded && highest_m.is_some_and(|altitude_m| altitude_m != 0.0);
+    let is_clamped = altitude_mode(polygon).starts_with("clamp");
+    Ok((FoundPolygon { rings, extrusion, properties: Vec::new() }, is_clamped && has_altitude))
 }
 
 #[cfg(test)]

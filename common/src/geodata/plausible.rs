@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use super::check_geodetic;
 use super::projection::{Origin, Projection};
 use crate::airspace::Polygon;
-use crate::geometry::Position;
+use crate::geometry::{Position, extent};
 
 /// Extent [m] below which several sensor nodes are no field, whereas the degrees of a field are closer together.
 const LEAST_FIELD_M: f64 = 1.0;
@@ -89,11 +89,6 @@ fn is_in_degrees([x, y]: &[f64; 2]) -> bool {
 /// Whether an extent is too small for a field, but not that of one position.
 fn is_point(extent: Vector2<f64>) -> bool {
     extent.x.max(extent.y) < LEAST_FIELD_M && extent.norm_squared() > 0.0
-}
-
-/// The south-west and north-east corner around positions.
-fn extent(positions: impl Iterator<Item = Position>) -> Option<[Position; 2]> {
-    positions.map(|at| [at; 2]).reduce(|[low, high], [at, _]| [low.inf(&at), high.sup(&at)])
 }
 
 impl FieldPlaces<'_> {

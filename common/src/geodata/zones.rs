@@ -107,6 +107,7 @@ impl Zone {
             let position = projection.project(*lat_deg, *lon_deg);
             let expected = "expected a position within the horizon of the area";
             let refuse = || self.refusal(path, &format!("latitude {lat_deg}, longitude {lon_deg}: {expected}"));
+            let to_millimetre = |length_m: f64| (length_m * 1e3).round() / 1e3 + 0.0; // without the sign of a zero
             position.ok_or_else(refuse).map(|at: Position| [at.x, at.y].map(to_millimetre))
         };
         let corners = open.iter().map(in_plane).collect::<Result<Vec<_>, _>>()?;
@@ -126,11 +127,6 @@ impl Zone {
     pub fn refusal(&self, path: &Path, expected: &str) -> InputError {
         InputError::new(WHAT, path, format_args!("{}: {expected}", self.place))
     }
-}
-
-/// Rounded to a thousandth, without the sign of a zero.
-fn to_millimetre(length_m: f64) -> f64 {
-    (length_m * 1e3).round() / 1e3 + 0.0
 }
 
 /// The polygons as zones, beside what is `ignored`.

@@ -49,16 +49,12 @@ pub fn insert_missing(mut table: &mut Table, key: &str, value: Value) {
 }
 
 /// Removes a dotted key, if present.
-pub fn remove(mut table: &mut Table, key: &str) {
-    let mut names: Vec<&str> = key.split('.').collect();
-    let last = names.pop().unwrap_or_default();
-    for name in names {
-        match table.get_mut(name) {
-            Some(Value::Table(inner)) => table = inner,
-            _ => return,
-        }
-    }
-    table.remove(last);
+pub fn remove(table: &mut Table, key: &str) {
+    let (table, last) = match key.rsplit_once('.') {
+        Some((parent, last)) => (value_mut(table, parent).and_then(Value::as_table_mut), last),
+        None => (Some(table), key),
+    };
+    table.and_then(|table| table.remove(last));
 }
 
 #[cfg(test)]

@@ -56,16 +56,6 @@ impl Key {
     pub const fn only(self, only: Only) -> Self {
         Self { only: Some(only), ..self }
     }
-
-    /// Its default in `table`, which has the keys that are declared before it.
-    ///
-    /// # Panics
-    /// If the declared default is not TOML.
-    #[must_use]
-    pub fn default_in(&self, table: &Table) -> Option<Value> {
-        let default = self.default.filter(|_| self.only.is_none_or(|only| only.holds(table)))?;
-        Some(default.parse().expect("a declared default is TOML"))
-    }
 }
 
 /// A condition on another key of the same table. A key under this condition has its default only where it holds.

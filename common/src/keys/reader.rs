@@ -54,9 +54,9 @@ pub fn fill(keys: &[Key], name: &str, table: &mut Table, displaced: &[String]) {
         let name = join(name, key.name);
         if !table.contains_key(key.name)
             && !displaced.contains(&name)
-            && let Some(default) = key.default_in(table)
+            && let Some(default) = key.default.filter(|_| key.only.is_none_or(|only| only.holds(table)))
         {
-            table.insert(key.name.to_owned(), default);
+            table.insert(key.name.to_owned(), default.parse().expect("a declared default is TOML"));
         }
         if let (Some(keys), Some(Value::Table(inner))) = (key.accepts.inner(), table.get_mut(key.name)) {
             fill(keys, &name, inner, displaced);

@@ -73,13 +73,9 @@ impl HarvestTrace {
         let sensor = u32::try_from(sensor).ok();
         let [own, end] =
             [0, u64::MAX].map(|slot| self.rows.partition_point(|row| (row.sensor, row.slot) < (sensor, slot)));
-        let rows = if own < end { &self.rows[own..end] } else { self.rows_of_others() };
+        let of_others = self.rows.partition_point(|row| row.sensor.is_none());
+        let rows = if own < end { &self.rows[own..end] } else { &self.rows[..of_others] };
         rows[..rows.partition_point(|row| row.slot <= slot)].last().map(|row| row.harvest_w)
-    }
-
-    /// The rows of all SNs without rows of their own.
-    fn rows_of_others(&self) -> &[HarvestRow] {
-        &self.rows[..self.rows.partition_point(|row| row.sensor.is_none())]
     }
 }
 

@@ -1,6 +1,6 @@
 //! A flight that is fixed: the waypoints of a track, interpolated at the ends of the slots, or of the scenario itself.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use nalgebra::Point3;
 use toml::Value;
@@ -176,22 +176,20 @@ pub(super) fn check(scenario: &Scenario, file: Option<&TrackFile>) -> Result<(),
         let slot = index + 1;
         let found = format!("({x_m:.3}, {y_m:.3}, {z_m:.3}) m at the end of slot {slot}");
         return Err(match file {
-            Some(TrackFile { path, lines }) => track_refusal(path, lines[index], &found, &expected),
+            Some(TrackFile { path, lines }) => {
+                InputError::new("track", path, format_args!("line {}: {found}: expected {expected}", lines[index]))
+            }
             None => scenario.refusal(&format!("{key}[{index}]"), &Value::String(found), &expected),
         });
     }
     Ok(())
 }
 
-/// The refusal of a waypoint that follows from a line of a track.
-fn track_refusal(path: &Path, line: u64, found: &str, expected: &str) -> InputError {
-    InputError::new("track", path, format_args!("line {line}: {found}: expected {expected}"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scenario::Overrides;
+    use std::path::Path;
 
     /// Four slots of 2 s at 5 m/s over 100 m × 100 m with this track.
     fn parsed(track: &str, keys: &str) -> Result<Scenario, String> {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
 use super::base::BatteryKeys;
-use crate::keys::{Accepts, NOT_NEGATIVE, Only, POSITIVE};
+use crate::keys::{Accepts, NOT_NEGATIVE, Only, PATH, POSITIVE};
 use crate::presets::drones;
 
 /// Keys of a free altitude.
@@ -57,7 +57,7 @@ crate::keys! {
         /// CSV file `t_s,x_m,y_m` (or `slot`, and optionally `z_m`) of a flight that is fixed, relative to the scenario's
         /// folder: waypoints are interpolated at the ends of slots, and strategies only schedule (decision D32). A
         /// run keeps the waypoints.
-        track: Option<PathBuf>, Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
+        track: Option<PathBuf>, PATH;
         /// The waypoint of each slot, `[[x, y, z], ...]` [m]; instead of `track`.
         waypoints_m: Option<Vec<[f64; 3]>>, Accepts::Rule("a waypoint for each slot, `[[x, y, z], ...]` [m]");
         /// Number of UAVs, `U`, equal but for their starts (decision D18); one if absent.

@@ -2,7 +2,7 @@
 //!
 //! Queries return exactly the points that a loop over all of them would.
 
-use crate::geometry::{Position, RANGE_SLACK, distance_squared};
+use crate::geometry::{Position, RANGE_SLACK, distance_squared, extent};
 use crate::scenario::Area;
 
 /// Relative margin of a preselection over the exact test that follows it.
@@ -52,7 +52,8 @@ impl Grid {
     /// If there are more points than ids; a scenario has at most 10^7 SNs.
     #[must_use]
     pub fn new(positions: &[Position], side_m: f64) -> Self {
-        let (corner, extents_m) = bounding_box(positions);
+        let [corner, end] = extent(positions.iter().copied()).unwrap_or([Position::origin(); 2]);
+        let extents_m = [end.x - corner.x, end.y - corner.y];
         let most_cells = (CELLS_PER_NODE * positions.len() as f64).max(FEW_CELLS);
         let mut side_m = side_m.max(f64::MIN_POSITIVE); // 0 would never grow; the root of a tiny area is 0
         while cells(extents_m[0], side_m) * cells(extents_m[1], side_m) > most_cells {
@@ -158,16 +159,6 @@ impl Grid {
 /// Cells of the side `side_m` [m] along an extent [m].
 fn cells(extent_m: f64, side_m: f64) -> f64 {
     (extent_m / side_m).floor() + 1.0
-}
-
-/// The south-west corner of the smallest box around `positions`, and its width and height [m].
-fn bounding_box(positions: &[Position]) -> (Position, [f64; 2]) {
-    let Some(&first) = positions.first() else {
-        return (Position::origin(), [0.0; 2]);
-    };
-    let low = positions.iter().fold(first, |low, position| low.inf(position));
-    let high = positions.iter().fold(first, |high, position| high.sup(position));
-    (low, [high.x - low.x, high.y - low.y])
 }
 
 #[cfg(test)]

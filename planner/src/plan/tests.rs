@@ -5,7 +5,7 @@ use std::path::Path;
 use proptest::prelude::*;
 use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
-use skysink_common::channel::{ChannelModel, Uplink};
+use skysink_common::channel::Uplink;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
