@@ -541,16 +541,8 @@ def simulate(
     origin: tuple[str, Sequence[tuple[str, bytes]]] | None = None,
 ) -> Run: ...
 def visits_of(
-    scenario: Scenario,
-    positions_m: NDArray[np.float64],
-    capacity_bits: NDArray[np.uint32],
-    sampling_bps: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    queues_bits: NDArray[np.uint32],
-    steps: int,
-) -> tuple[NDArray[np.uint64], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64], float, float]:
-    """Slots, SNs, x and y [m] of the visits of :func:`skysink.plan_visits`; their cost, and a bound."""
-
+    scenario: Scenario, places: NDArray[np.float64], steps: int
+) -> tuple[NDArray[np.float64], float, float]: ...
 def library_instances() -> list[dict[str, Any]]: ...
 def library_copy(name: str, folder: Path) -> Path: ...
 def library_verify(paths: Sequence[Path], instance: str | None) -> dict[str, Any]: ...
