@@ -185,7 +185,8 @@ impl Episode {
         let scenario = course.prepared(number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
-        let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()).map_err(refused)?);
+        let nodes = plant.field().belief().known_nodes(list.nodes(), scenario.slot_s);
+        let field = FieldData::of(&scenario, nodes)?;
         let Rules { observed, reward, .. } = &*course.rules;
         let known_bits = field.sensors.ids().map(|id| field.sensors.sampler(id).mean_bits);
         let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);

@@ -400,8 +400,8 @@ impl Episode {
         let flight = self.flight();
         let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
         let Some(route) = field.route_into(&from, sensor, field.limits.comm_radius_m) else { return false };
-        let after = self.plant.slot() + route.slots;
-        let energy_j = flight.energy_j - route.energy_j;
+        let after = self.plant.slot() + u64::from(route.slots()).max(1);
+        let energy_j = flight.energy_j - route.energy_j();
         field.home.as_ref().is_none_or(|home| home.is_in_reach(after, energy_j, &route.end()))
     }
 

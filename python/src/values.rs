@@ -47,9 +47,6 @@ fn nested(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
 }
 
 /// What serializes as JSON, as Python's dictionaries, lists and numbers.
-///
-/// # Errors
-/// Those of the interpreter.
 pub fn json<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).expect("plain numbers and strings");
     py.import("json")?.call_method1("loads", (text,))
