@@ -243,14 +243,15 @@ impl Episode {
     /// Flies the next slot by the plan of each UAV.
     pub fn fly(&mut self, plans: &[Option<Plan>]) -> Outcome {
         let reward = self.course.rules.reward;
-        let before = reward.bits(self);
+        let before = self.plant.header().totals;
+        let weighted = Reward::weighted_bits(self);
         self.experts.follow(&self.plant, plans);
         let header = self.plant.step(plans).header;
         if !self.contacts.slots().is_empty() {
             self.plant.flights().iter().for_each(|flight| self.contacts.add(self.plant.slot(), flight));
         }
         Outcome {
-            reward: reward.of(self, before),
+            reward: reward.of(self, &before, weighted),
             delivered_bits: header.delivered_bits,
             lost_bits: header.lost_bits,
             is_over: self.plant.is_over(),
