@@ -58,10 +58,6 @@ pub struct PyEnvironmentCore {
 }
 
 impl PyEnvironmentCore {
-    fn uavs(&self) -> usize {
-        self.episodes[0].plant.flights().len()
-    }
-
     fn width(&self) -> usize {
         self.episodes[0].width()
     }
@@ -78,7 +74,7 @@ impl PyEnvironmentCore {
 
     /// Refuses observations of another shape than [E, U, width].
     fn expect_observations(&self, observations: &PyReadwriteArray3<'_, f32>) -> PyResult<()> {
-        let expected = [self.episodes.len(), self.uavs(), self.width()];
+        let expected = [self.episodes.len(), self.agents(), self.width()];
         expect("observations", observations.shape(), &expected, observations.is_c_contiguous())
     }
 
@@ -186,7 +182,7 @@ impl PyEnvironmentCore {
     /// Number of agents of an environment.
     #[getter]
     fn agents(&self) -> usize {
-        self.uavs()
+        self.episodes[0].plant.flights().len()
     }
 
     #[getter]
@@ -276,7 +272,7 @@ impl PyEnvironmentCore {
     ) -> PyResult<()> {
         let numbers = self.numbers_of(seeds)?;
         self.expect_observations(&observations)?;
-        let row = self.uavs() * self.width();
+        let row = self.agents() * self.width();
         let entries = numbers.into_iter().zip(observations.as_slice_mut()?.chunks_mut(row));
         py.detach(|| {
             each(&mut self.episodes, entries, |_, episode, (number, observed)| {
@@ -297,7 +293,6 @@ impl PyEnvironmentCore {
     }
 
     /// The same by a decision of a strategy.
-    #[pyo3(signature = (decision, transit = false))]
     fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
         let mode = if transit { Mode::Transit } else { Mode::Serve };
         let plan = self.episodes[0].decided(decision.get(), mode)?;
@@ -347,7 +342,7 @@ impl PyEnvironmentCore {
         mut terminated: PyReadwriteArray1<'_, bool>,
         mut truncated: PyReadwriteArray1<'_, bool>,
     ) -> PyResult<()> {
-        let (count, uavs, width) = (self.episodes.len(), self.uavs(), self.width());
+        let (count, uavs, width) = (self.episodes.len(), self.agents(), self.width());
         if !self.episodes[0].has_begun {
             return Err(refused("no episode has begun: expected reset_into()"));
         }
@@ -374,7 +369,7 @@ impl PyEnvironmentCore {
     /// U, size].
     fn action_masks<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         let size = self.action_size();
-        let of_episode = self.uavs() * size;
+        let of_episode = self.agents() * size;
         let mut masks = vec![false; self.episodes.len() * of_episode];
         py.detach(|| {
             each(&mut self.episodes, masks.chunks_mut(of_episode), |_, episode, masks| {
@@ -391,7 +386,7 @@ impl PyEnvironmentCore {
     /// The actions that come closest to the plans of a built-in strategy, [size], [E, size] or [E, U, size], or [], [E]
     /// or [E, U] of sensor nodes; 0 where one of several episodes is over.
     fn expert<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Bound<'py, PyAny>> {
-        let of_episode = self.uavs() * self.episodes[0].action_width();
+        let of_episode = self.agents() * self.episodes[0].action_width();
         let mut actions = vec![0.0; self.episodes.len() * of_episode];
         interruptible(py, |stop| {
             each(&mut self.episodes, actions.chunks_mut(of_episode), |_, episode, into| {

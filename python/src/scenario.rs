@@ -19,7 +19,7 @@ use crate::errors::refused;
 use crate::field::PyField;
 use crate::held::Held;
 use crate::table::PyTable;
-use crate::values::{Reduced, json, to_toml};
+use crate::values::{MAX_DEPTH, Reduced, json, to_toml};
 
 /// The arguments of `Scenario.parse`: a text, its path, and the texts of the arrivals, of the channel and of its rates.
 type Parsed = (String, PathBuf, Option<String>, Option<String>, Option<String>);
@@ -205,7 +205,7 @@ impl PyScenario {
     fn replace(&self, changes: &Bound<'_, PyAny>) -> PyResult<Self> {
         let pair = |pair: PyResult<Bound<'_, PyAny>>| {
             let (key, value): (String, Bound<'_, PyAny>) = pair?.extract()?;
-            Ok((key, to_toml(&value)?))
+            Ok((key, to_toml(&value, MAX_DEPTH)?))
         };
         self.with(changes.call_method0("items")?.try_iter()?.map(pair).collect::<PyResult<Vec<_>>>()?)
     }
