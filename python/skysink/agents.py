@@ -22,9 +22,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from skysink._skysink import BatchCore, Field, InputError, Scenario
-from skysink.environment import Action, Control, NativeEnvironment, Observation, Reward, Source, one_of, some_of, whole_seed
-from skysink.flight import scenario_of
+from skysink._skysink import Field, InputError
+from skysink.environment import Action, Control, NativeEnvironment, Observation, Reward, Source, following, one_of, whole_seed
 from skysink.models import Arrivals, Channel, Model, Models
 
 try:
@@ -54,8 +53,6 @@ class FleetBatch(NativeEnvironment):
     Raises :class:`skysink.InputError` for what is unknown or impossible.
     """
 
-    _core: BatchCore
-
     def __init__(
         self,
         num_envs: int = 1,
@@ -74,7 +71,7 @@ class FleetBatch(NativeEnvironment):
             raise InputError(f"num_envs = {num_envs}: expected 1 or more")
         self.num_envs = num_envs
         rules = (fields, observation, nearest, action, reward, Models(arrivals, channel), return_rule)
-        self.observation_space, self.action_space = self._begin(some_of(scenario), *rules)
+        self.observation_space, self.action_space = self._begin(scenario, True, num_envs, *rules)
         self.agents = self._core.agents
         self.slices: dict[str, slice] = {}
         begin = 0
@@ -82,7 +79,7 @@ class FleetBatch(NativeEnvironment):
             end = begin + prod(shape)
             self.slices[name] = slice(begin, end)
             begin = end
-        self._has_begun = False
+        self._width = begin
 
     @property
     def seeds(self) -> list[int]:
@@ -109,7 +106,7 @@ class FleetBatch(NativeEnvironment):
         shape = agents if self._chooses_sensors else (*agents, self._core.action_size)
         return (
             np.zeros(shape, np.int64 if self._chooses_sensors else np.float32),
-            np.zeros((*agents, self._core.observation_size), np.float32),
+            np.zeros((*agents, self._width), np.float32),
             np.zeros(agents, np.float32),
             np.zeros(self.num_envs, np.bool_),
             np.zeros(self.num_envs, np.bool_),
@@ -117,13 +114,7 @@ class FleetBatch(NativeEnvironment):
 
     def reset_into(self, observations: NDArray[np.float32], seed: int | None = None) -> None:
         """Begins all episodes, environment i with the seed ``seed + i``, by default with the next ones."""
-        seed = whole_seed(seed)
-        if seed is not None:
-            numbers = [seed + index for index in range(self.num_envs)]
-        else:
-            numbers = [number + self.num_envs * self._has_begun for number in self._core.numbers]
-        self._core.reset_into(numbers, [True] * self.num_envs, observations)
-        self._has_begun = True
+        self._core.reset_into(following(whole_seed(seed), self.num_envs), observations)
 
     def step_into(
         self,
@@ -138,12 +129,7 @@ class FleetBatch(NativeEnvironment):
 
         The step after the end of an episode begins the next episode instead, with reward 0.
         """
-        if not self._has_begun:
-            raise InputError("no episode has begun: expected reset_into()")
         self._core.step_into(actions, observations, rewards, terminated, truncated)
-
-    def _new_core(self) -> BatchCore:
-        return BatchCore(True, list(self.scenarios), self.num_envs, *self._rules)
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type: ignore[misc]
@@ -202,10 +188,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
         """
         seed = whole_seed(seed)
         if options and options.get("scenario") is not None:
-            scenario: Scenario = scenario_of(one_of(options["scenario"])[0])
-            self.batch._core.replace([scenario], [True])
-            self.batch.scenarios = (scenario,)
-            self.batch._has_begun = False
+            self.batch._replace(one_of(options["scenario"]), [True])
         self.batch.reset_into(self._observations, seed)
         self.agents = list(self.possible_agents)
         return self._observed(), self._infos({"seed": self.batch.seeds[0]})

@@ -62,7 +62,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from skysink._skysink import BatchCore, Belief, Decision, EnvironmentCore, Field, InputError, Run, Scenario
+from skysink._skysink import Belief, Decision, EnvironmentCore, Field, InputError, Run, Scenario
 from skysink.flight import scenario_of
 from skysink.models import Arrivals, Channel, Model, Models
 
@@ -98,11 +98,13 @@ def register() -> None:
 class NativeEnvironment:
     """What the environments have in common: their arguments, and clones, copies and pickles of their native core."""
 
-    _core: Any
+    _core: EnvironmentCore
 
     def _begin(
         self,
-        scenarios: Sequence[Source],
+        scenario: Source | Sequence[Source] | None,
+        agents: bool,
+        count: int | None,
         fields: int | None,
         observation: Sequence[str],
         nearest: int | None,
@@ -111,10 +113,14 @@ class NativeEnvironment:
         models: Models,
         return_rule: bool,
     ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
-        """Makes the core, and returns the spaces of observations and actions of one environment."""
-        self.scenarios = tuple(map(scenario_of, scenarios))
+        """Makes the core of a vector of ``count`` environments, which may have several agents, or of a single environment,
+        and returns the spaces of observations and actions of one.
+        """
+        self.scenarios = tuple(map(scenario_of, one_of(scenario) if count is None else some_of(scenario)))
         self.fields = fields
-        self._rules = (fields, list(observation), nearest, action, reward, models.prepare if models else None, return_rule)
+        self._action = action
+        prepare = models.prepare if models else None
+        self._rules = (agents, count, fields, list(observation), nearest, action, reward, prepare, return_rule)
         self._core = self._new_core()
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(low, 1.0, tuple(shape), np.float32) for name, shape, low in self._core.observed
@@ -131,7 +137,7 @@ class NativeEnvironment:
 
     @property
     def _chooses_sensors(self) -> bool:
-        return self._rules[3] == "sensor"
+        return self._action == "sensor"
 
     def action_masks(self) -> NDArray[np.bool_]:
         """The SNs to choose from that one slot reaches, or all if it reaches none: bool [N] or [k]; of a vector
@@ -140,9 +146,8 @@ class NativeEnvironment:
         Raises :class:`skysink.InputError` for other actions than ``"sensor"``.
         """
         if not self._chooses_sensors:
-            raise InputError(f"action = {self._rules[3]!r}: expected sensor, which alone has a mask")
-        masks: NDArray[np.bool_] = self._core.action_masks()
-        return masks
+            raise InputError(f"action = {self._action!r}: expected sensor, which alone has a mask")
+        return self._core.action_masks()
 
     def expert(self, strategy: str) -> Any:
         """The action that comes closest to what a built-in strategy would do in this state, for imitation; of a vector
@@ -154,9 +159,16 @@ class NativeEnvironment:
         """
         return self._core.expert(strategy)
 
-    def _new_core(self) -> Any:
+    def _new_core(self) -> EnvironmentCore:
         """A new core with the arguments of the environment."""
-        raise NotImplementedError
+        return EnvironmentCore(self.scenarios, *self._rules)
+
+    def _replace(self, scenarios: Sequence[Source], mask: list[bool]) -> None:
+        """Begins the first episodes over other scenarios, where ``mask`` is true."""
+        others = tuple(map(scenario_of, scenarios))
+        self._core.replace(others, mask)
+        flown = (others if is_new else self.scenarios for is_new in mask)
+        self.scenarios = tuple(them[index % len(them)] for index, them in enumerate(flown))
 
     def clone(self) -> Self:
         """An independent copy in the same slot, for tree search. Spaces are shared."""
@@ -194,6 +206,11 @@ def whole_seed(seed: Any) -> int | None:
     return int(seed)
 
 
+def following(seed: int | None, count: int) -> list[int | None]:
+    """The seeds of the environments of a vector: ``seed`` and those after it, or the next ones of each."""
+    return [None if seed is None else seed + index for index in range(count)]
+
+
 def check_options(options: dict[str, Any] | None, *possible: str) -> None:
     """Refuses other options of ``reset`` than these."""
     unknown = [name for name in options or {} if name not in possible]
@@ -206,16 +223,16 @@ def is_list(scenario: object) -> bool:
     return isinstance(scenario, Sequence) and not isinstance(scenario, str)
 
 
-def one_of(scenario: Source | None) -> list[Source]:
+def one_of(scenario: Source | Sequence[Source] | None) -> Sequence[Source]:
     """The scenario of an environment, by default the paper's."""
     if is_list(scenario):
         raise InputError(f"scenario = {scenario!r}: expected one; a vector of environments takes several")
-    return [Scenario.letter() if scenario is None else scenario]
+    return [Scenario.letter() if scenario is None else scenario]  # type: ignore[list-item]
 
 
 def some_of(scenario: Source | Sequence[Source] | None) -> Sequence[Source]:
     """The scenarios of a vector of environments."""
-    return scenario if is_list(scenario) else one_of(scenario)  # type: ignore[arg-type,return-value]
+    return scenario if is_list(scenario) else one_of(scenario)  # type: ignore[return-value]
 
 
 class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
@@ -230,7 +247,6 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     """
 
     metadata: dict[str, Any] = {"render_modes": []}
-    _core: EnvironmentCore
 
     def __init__(
         self,
@@ -248,8 +264,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     ) -> None:
         self.render_mode = render_mode
         rules = (fields, observation, nearest, action, reward, Models(arrivals, channel), return_rule)
-        self.observation_space, self.action_space = self._begin(one_of(scenario), *rules)
-        self._is_new = True
+        self.observation_space, self.action_space = self._begin(scenario, False, None, *rules)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -260,22 +275,17 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         check_options(options, "scenario")
         seed = whole_seed(seed)
         if options and options.get("scenario") is not None:
-            scenario = scenario_of(one_of(options["scenario"])[0])
-            self._core.replace(scenario)
-            self.scenarios = (scenario,)
-            self._is_new = True
+            self._replace(one_of(options["scenario"]), [True])
         super().reset(seed=seed)
-        following = self._core.number if self._is_new else self._core.number + 1
-        self._is_new = False
-        observation = self._core.reset(following if seed is None else seed)
-        info: dict[str, Any] = {"seed": self._core.seed}
+        observation = self._core.reset([seed], [True])
+        info: dict[str, Any] = {"seed": self._core.seeds[0]}
         if self._chooses_sensors:
             info["action_mask"] = self.action_masks()
         return observation, info
 
     def step(self, action: Action) -> Step:
         """Flies one slot; ``info`` contains its ``lost_bits`` and ``delivered_bits``."""
-        return self._core.step(action)
+        return self._core.step_one(action)
 
     def fly(self, decision: Decision, *, transit: bool = False) -> Step:
         """Flies one slot with an exact waypoint [m] and schedule, like a strategy."""
@@ -316,9 +326,6 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         """The episode so far as a run, which can be saved, shown or compared."""
         return self._core.run(label)
 
-    def _new_core(self) -> EnvironmentCore:
-        return EnvironmentCore(self.scenario, *self._rules)
-
 
 class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, NDArray[Any]]):
     """An environment for many missions in parallel. See the module for spaces, reward and seeds.
@@ -327,7 +334,6 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
-    _core: BatchCore
 
     def __init__(
         self,
@@ -347,11 +353,10 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         self.num_envs = num_envs
         self.render_mode = render_mode
         rules = (fields, observation, nearest, action, reward, Models(arrivals, channel), return_rule)
-        single = self._begin(some_of(scenario), *rules)
+        single = self._begin(scenario, False, num_envs, *rules)
         self.single_observation_space, self.single_action_space = single
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._has_begun = [False] * num_envs
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -366,26 +371,11 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         mask = (options or {}).get("reset_mask")
         mask = [True] * self.num_envs if mask is None else [bool(one) for one in mask]
         if options and options.get("scenario") is not None:
-            self._replace([scenario_of(one) for one in some_of(options["scenario"])], mask)
-        begun = zip(self._core.numbers, self._has_begun, strict=True)
-        following = [number + (self.num_envs if has_begun else 0) for number, has_begun in begun]
-        if first is not None:
-            following = [first + index for index in range(self.num_envs)]
-        elif several is not None:
-            if len(several) != self.num_envs:
-                raise InputError(f"{len(several)} seeds: expected {self.num_envs}")
-            following = [number if one is None else one for one, number in zip(several, following, strict=True)]
-        observation = self._core.reset(following, mask)
-        self._has_begun = [begun or now for begun, now in zip(self._has_begun, mask, strict=True)]
+            self._replace(some_of(options["scenario"]), mask)
+        if several is not None and len(several) != self.num_envs:
+            raise InputError(f"{len(several)} seeds: expected {self.num_envs}")
+        observation = self._core.reset(following(first, self.num_envs) if several is None else several, mask)
         return observation, self._info(seed=np.array(self._core.seeds))
-
-    def _replace(self, scenarios: list[Scenario], mask: list[bool]) -> None:
-        """Begins the first episodes over other scenarios, where ``mask`` is true."""
-        self._core.replace(scenarios, mask)
-        old = [self.scenarios[index % len(self.scenarios)] for index in range(self.num_envs)]
-        new = [scenarios[index % len(scenarios)] for index in range(self.num_envs)]
-        self.scenarios = tuple(new[index] if mask[index] else old[index] for index in range(self.num_envs))
-        self._has_begun = [begun and not now for begun, now in zip(self._has_begun, mask, strict=True)]
 
     def _info(self, **arrays: NDArray[Any]) -> dict[str, Any]:
         """The information on all environments, each with its mask of those that it is of."""
@@ -405,6 +395,3 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         observation, rewards, terminated, truncated, lost_bits, delivered_bits = self._core.step(actions)
         info = self._info(lost_bits=lost_bits, delivered_bits=delivered_bits)
         return observation, rewards, terminated, truncated, info
-
-    def _new_core(self) -> BatchCore:
-        return BatchCore(False, list(self.scenarios), self.num_envs, *self._rules)

@@ -155,4 +155,4 @@ def compare(
     with closing(plan.open(out)) as record:
         for row in told(fly_all(plan, makers, record.missing, source, executor), plan, record.missing, progress):
             record.add(row)
-        return Comparison.of(*plan.finish_comparison(record, out))
+        return Comparison.of(*plan.finish(record, out))

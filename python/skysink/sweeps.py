@@ -103,7 +103,7 @@ def sweep(
     with closing(plan.open(folder)) as record:
         for row in told(fly_all(plan, makers, record.missing, source, executor), plan, record.missing, progress):
             record.add(row)
-        return plan.finish(record)
+        return plan.finish(record, None)[1]
 
 
 class Bar:
@@ -130,16 +130,13 @@ def teller(progress: Progress | None) -> Callable[[int, int], object] | None:
 
 def told(rows: Iterable[Row], plan: SweepPlan, missing: Sequence[Key], progress: Progress | None) -> Iterator[Row]:
     """The same missions, which are told to ``progress``."""
-    tell = teller(progress)
+    tell = teller(progress) or (lambda done, count: None)
     count = len(plan.missions)
-    done = count - len(missing)
-    if tell is not None:
-        tell(done, count)
-    for row in rows:
+    before = count - len(missing)
+    tell(before, count)
+    for done, row in enumerate(rows, before + 1):
         yield row
-        done += 1
-        if tell is not None:
-            tell(done, count)
+        tell(done, count)
 
 
 def load(source: Source) -> tuple[SweepPlan, Makers]:

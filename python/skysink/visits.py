@@ -128,14 +128,8 @@ def plan_visits(
     if isinstance(sums, dict) and "loss" in sums:
         # A slot of loss costs its weight, not a bit.
         scenario = scenario.replace({"planner.objective": {**sums, "loss": sums["loss"] / SLOT_BITS}})
-    found = visits_of(
-        scenario,
-        places - corner,
-        capacity.astype(np.uint32),
-        np.where(gathers, SLOT_BITS, 0.0),
-        shares,
-        queues.astype(np.uint32),
-        steps,
-    )
-    numbers, visited, x_m, y_m, cost, bound = found
-    return VisitPlan(numbers, visited, np.stack([x_m, y_m], axis=1) + corner, cost / scale, bound / scale)
+    rates = np.where(gathers, SLOT_BITS, 0.0)
+    gathering = np.column_stack((places - corner, capacity, rates, shares, queues))
+    visits, cost, bound = visits_of(scenario, gathering, steps)
+    numbers = visits[:, 0].astype(np.uint64)
+    return VisitPlan(numbers, visits[:, 1].astype(np.uint32), visits[:, 2:] + corner, cost / scale, bound / scale)

@@ -9,6 +9,7 @@ use skysink_common::belief::Believed;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::message::FlightReport;
 use skysink_mission::Plant;
+use skysink_planner::strategy::View;
 
 use crate::field::FieldData;
 use crate::values::read_only;
@@ -37,12 +38,10 @@ impl Contacts {
         self.0.iter().map(move |contact| slot.saturating_sub(*contact))
     }
 
-    /// The same of sensor node `id`.
     pub fn age_slots(&self, slot: u64, id: u32) -> u64 {
         slot.saturating_sub(self.0[id as usize])
     }
 
-    /// The slots, to be saved.
     pub fn slots(&self) -> &[u64] {
         &self.0
     }
@@ -60,14 +59,6 @@ pub fn believed<'a>(plant: &'a Plant, field: &'a FieldData) -> Believed<'a> {
     plant.field().belief().predicted(plant.slot(), &field.sensors, plant.field().queues_bits())
 }
 
-/// The sampling rates that the UAV of `plant` believes in over `field` [bit/s].
-pub fn believed_bps<'py>(py: Python<'py>, plant: &Plant, field: &FieldData) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    match plant.field().belief().learnt_bps(field.limits.slot_s) {
-        Some(learnt_bps) => read_only(PyArray1::from_iter(py, learnt_bps)),
-        None => field.sampling_bps(py),
-    }
-}
-
 /// What the UAV knows of the sensor nodes at the start of a slot: queues and rates, each with its standard deviation,
 /// and the ages of its contacts.
 #[pyclass(name = "Belief", module = "skysink", frozen)]
@@ -82,28 +73,28 @@ pub struct PyBelief {
 }
 
 impl PyBelief {
-    /// What is `believed` of the sensor nodes of `field` at the end of `slot`, with the queues [bit], the rates [bit/s]
-    /// and the contacts.
+    /// What is believed at the beginning of the slot of `view`, with the queues [bit], the rates [bit/s] and the
+    /// contacts.
     pub fn of(
         py: Python<'_>,
-        believed: &Believed<'_>,
-        field: &FieldData,
+        view: &View<'_>,
         queues_bits: &Bound<'_, PyArray1<u32>>,
         sampling_bps: &Bound<'_, PyArray1<f64>>,
         contacts: &Contacts,
-        slot: u64,
     ) -> PyResult<Self> {
+        let View { belief: believed, table, .. } = view;
+        let array = |numbers: Vec<f64>| read_only(PyArray1::from_vec(py, numbers)).map(Bound::unbind);
         let spreads = || {
-            let queues = field.sensors.ids().map(|id| believed.queue_sd_bits(id));
-            let rates = field.sensors.ids().map(|id| believed.mean_sd_bits(id) / field.limits.slot_s);
-            PyResult::Ok([array(py, queues)?, array(py, rates)?])
+            let queues = table.sensors.ids().map(|id| believed.queue_sd_bits(id));
+            let rates = table.sensors.ids().map(|id| believed.mean_sd_bits(id) / table.limits.slot_s);
+            PyResult::Ok([array(queues.collect())?, array(rates.collect())?])
         };
         Ok(Self {
             queues_bits: queues_bits.clone().unbind(),
             sampling_bps: sampling_bps.clone().unbind(),
             spreads: believed.belief.is_estimated().then(spreads).transpose()?,
             contacts: contacts.clone(),
-            slot,
+            slot: view.slot - 1,
         })
     }
 
@@ -148,10 +139,6 @@ impl PyBelief {
     fn age_slots<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
         read_only(PyArray1::from_iter(py, self.contacts.ages_slots(self.slot).map(|age| age as i64)))
     }
-}
-
-fn array(py: Python<'_>, numbers: impl Iterator<Item = f64>) -> PyResult<Py<PyArray1<f64>>> {
-    Ok(read_only(PyArray1::from_iter(py, numbers))?.unbind())
 }
 
 /// An array object over the same memory, whose shape a strategy may change.

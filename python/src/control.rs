@@ -12,99 +12,71 @@ use crate::episode::Episode;
 use crate::errors::refused;
 use crate::rules::{Control, Kind};
 
-/// The actions of some episodes, UAV by UAV.
-#[derive(Clone)]
-pub enum Actions {
-    /// Components of displacements or waypoints, one action after another.
-    Components(Vec<f32>),
-    /// Number of the sensor node, or of the nearest.
-    Choices(Vec<usize>),
+/// The action of one episode.
+pub fn one(episode: &Episode, action: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
+    let size = episode.action_size();
+    if episode.control() == Control::Sensor {
+        return Ok(vec![chosen(action.extract()?, size)?]);
+    }
+    let components = action.extract::<PyArrayLike1<'_, f32, AllowTypeChange>>()?.as_array().to_vec();
+    if components.len() != size || components.iter().any(|component| !component.is_finite()) {
+        return Err(refused(format!("action {components:?}: expected {size} finite numbers, {}", episode.range())));
+    }
+    Ok(components)
 }
 
-impl Actions {
-    /// The action of one episode.
-    pub fn one(episode: &Episode, action: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let size = episode.action_size();
-        if episode.control() == Control::Sensor {
-            return Ok(Self::Choices(vec![chosen(action.extract()?, size)?]));
-        }
-        let components = action.extract::<PyArrayLike1<'_, f32, AllowTypeChange>>()?.as_array().to_vec();
-        if components.len() != size || components.iter().any(|component| !component.is_finite()) {
-            return Err(refused(format!("action {components:?}: expected {size} finite numbers, {}", episode.range())));
-        }
-        Ok(Self::Components(components))
-    }
-
-    /// Reads those of all UAVs of these episodes, which the caller may change again.
-    pub fn read(&mut self, episodes: &[Episode], actions: &Bound<'_, PyAny>) -> PyResult<()> {
-        let size = episodes[0].action_size();
-        if episodes[0].control() == Control::Sensor {
-            let actions = actions.extract::<PyReadonlyArrayDyn<'_, i64>>()?;
-            let actions = actions.as_array();
-            expect(actions.shape(), &Self::shape(episodes, &[]))?;
-            let mut choices = if let Self::Choices(choices) = std::mem::take(self) { choices } else { Vec::new() };
-            choices.clear();
-            for &choice in actions {
-                choices.push(chosen(choice, size)?);
-            }
-            *self = Self::Choices(choices);
-            return Ok(());
-        }
-        let actions = actions.extract::<PyReadonlyArrayDyn<'_, f32>>()?;
+/// Reads those of all UAVs of these episodes, which the caller may change again, one after another.
+pub fn read(episodes: &[Episode], actions: &Bound<'_, PyAny>, into: &mut Vec<f32>) -> PyResult<()> {
+    let size = episodes[0].action_size();
+    into.clear();
+    if episodes[0].control() == Control::Sensor {
+        let actions = actions.extract::<PyReadonlyArrayDyn<'_, i64>>()?;
         let actions = actions.as_array();
-        expect(actions.shape(), &Self::shape(episodes, &[size]))?;
-        if let Some(component) = actions.iter().find(|component| !component.is_finite()) {
-            let range = episodes[0].range();
-            return Err(refused(format!("action {component}: expected finite numbers, {range}")));
+        expect(actions.shape(), &shape(episodes, &[]))?;
+        for &choice in actions {
+            into.push(chosen(choice, size)?);
         }
-        let mut components = if let Self::Components(old) = std::mem::take(self) { old } else { Vec::new() };
-        components.clear();
-        components.extend(actions);
-        *self = Self::Components(components);
-        Ok(())
+        return Ok(());
     }
-
-    /// The shape of an array that has `rest` for each UAV of these episodes.
-    pub fn shape(episodes: &[Episode], rest: &[usize]) -> Vec<usize> {
-        let uavs = (episodes[0].rules().kind == Kind::Agents).then(|| episodes[0].plant.flights().len());
-        std::iter::once(episodes.len()).chain(uavs).chain(rest.iter().copied()).collect()
+    let actions = actions.extract::<PyReadonlyArrayDyn<'_, f32>>()?;
+    let actions = actions.as_array();
+    expect(actions.shape(), &shape(episodes, &[size]))?;
+    if let Some(component) = actions.iter().find(|component| !component.is_finite()) {
+        let range = episodes[0].range();
+        return Err(refused(format!("action {component}: expected finite numbers, {range}")));
     }
-
-    /// The plans of all UAVs of `episode`, which is number `index`.
-    pub fn plans(&self, index: usize, episode: &mut Episode) -> Plans {
-        let uavs = episode.plant.flights().len();
-        let mut plans = Plans::new();
-        episode.begin_plans();
-        for uav in 0..uavs {
-            episode.uav = uav;
-            let decision = self.decision(index * uavs + uav, episode);
-            plans.push(Some(episode.ruled_beside(decision)));
-        }
-        plans
-    }
-
-    /// The decision of `episode` by action number `index`.
-    pub fn decision(&self, index: usize, episode: &Episode) -> Decision {
-        match self {
-            Self::Choices(choices) => episode.choose(choices[index]),
-            Self::Components(components) => {
-                let axes = episode.axes();
-                episode.move_by(&components[index * axes..][..axes])
-            }
-        }
-    }
+    into.extend(actions);
+    Ok(())
 }
 
-impl Default for Actions {
-    fn default() -> Self {
-        Self::Components(Vec::new())
-    }
+/// The shape of an array that has `rest` for each UAV of these episodes.
+pub fn shape(episodes: &[Episode], rest: &[usize]) -> Vec<usize> {
+    let kind = episodes[0].rules().kind;
+    let count = (kind != Kind::One).then_some(episodes.len());
+    let uavs = (kind == Kind::Agents).then(|| episodes[0].plant.flights().len());
+    count.into_iter().chain(uavs).chain(rest.iter().copied()).collect()
 }
 
-/// The choice of a sensor node out of `size`.
-fn chosen(number: i64, size: usize) -> PyResult<usize> {
-    let choice = usize::try_from(number).ok().filter(|&choice| choice < size);
-    choice.ok_or_else(|| refused(format!("action {number}: expected 0 to {}", size - 1)))
+/// The plans of all UAVs of `episode`, which is number `index`, by the actions of all episodes.
+pub fn plans(actions: &[f32], index: usize, episode: &mut Episode) -> Plans {
+    let uavs = episode.plant.flights().len();
+    let width = episode.action_width();
+    let mut plans = Plans::new();
+    episode.begin_plans();
+    for (uav, action) in actions[index * uavs * width..].chunks(width).take(uavs).enumerate() {
+        episode.uav = uav;
+        let decision = episode.decision(action);
+        plans.push(Some(episode.ruled_beside(decision)));
+    }
+    plans
+}
+
+/// The choice of a sensor node out of `size`, at most 10^7: in single precision, it is exact.
+fn chosen(number: i64, size: usize) -> PyResult<f32> {
+    if usize::try_from(number).is_ok_and(|choice| choice < size) {
+        return Ok(number as f32);
+    }
+    Err(refused(format!("action {number}: expected 0 to {}", size - 1)))
 }
 
 /// Refuses actions of another shape.
@@ -116,7 +88,6 @@ fn expect(shape: &[usize], expected: &[usize]) -> PyResult<()> {
 }
 
 impl Episode {
-    /// What an action is.
     pub fn control(&self) -> Control {
         self.rules().control
     }
@@ -132,6 +103,11 @@ impl Episode {
             Control::Sensor => self.observed().nearest.unwrap_or(self.field.count()),
             Control::Displacement | Control::Waypoint => self.axes(),
         }
+    }
+
+    /// Numbers that hold an action.
+    pub fn action_width(&self) -> usize {
+        if self.control() == Control::Sensor { 1 } else { self.axes() }
     }
 
     pub fn range(&self) -> &'static str {
@@ -150,11 +126,12 @@ impl Episode {
         if mask.contains(&true) { mask } else { some(returns) }
     }
 
-    /// The decision by the components of a displacement or waypoint. Serves the fullest queues in range.
-    fn move_by(&self, action: &[f32]) -> Decision {
+    /// The decision by an action. A displacement or waypoint serves the fullest queues in range.
+    pub fn decision(&self, action: &[f32]) -> Decision {
         let waypoint = match self.control() {
+            Control::Sensor => return self.choose(action[0] as usize),
             Control::Waypoint => self.waypoint(action),
-            Control::Displacement | Control::Sensor => self.displaced(action),
+            Control::Displacement => self.displaced(action),
         };
         decided(waypoint, &self.field.fullest(&waypoint, &self.plant.field().servable_bits()))
     }

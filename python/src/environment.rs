@@ -1,9 +1,12 @@
-//! The core of the single Gymnasium environment.
+//! The core of the environments: episodes that are flown by actions. The Gymnasium environment has one, its vector many
+//! of one UAV, and the batch of several agents many of several.
 
-use std::slice;
 use std::sync::Arc;
 
-use numpy::PyArray1;
+use numpy::{
+    PyArray1, PyArrayDyn, PyArrayMethods as _, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray3,
+    PyUntypedArrayMethods as _,
+};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,62 +15,101 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{Plans, UAV};
 use skysink_planner::strategies::PYTHON;
 
-use crate::belief::{PyBelief, believed, believed_bps};
-use crate::control::Actions;
+use crate::batch::{begin_over, check, each, expect, fly};
+use crate::belief::PyBelief;
+use crate::control;
 use crate::episode::{Episode, Outcome};
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::observation::Observations;
-use crate::rules::{Control, Kind, Rules};
+use crate::rules::{Control, Kind, Observed, Reward, Rules};
 use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 use crate::simulate::checked_label;
 use crate::strategy::PyDecision;
+use crate::values::read_only;
+
+/// Maximum number of environments of a vector.
+const MAX_ENVIRONMENTS: usize = 100_000;
 
 /// Observation, reward, terminated, truncated, information.
 type Step<'py> = (Bound<'py, PyDict>, f64, bool, bool, Bound<'py, PyDict>);
 
-/// The environment without its spaces.
+/// Observation, rewards, whether the UAVs are down, whether the missions are over, lost bits, delivered bits.
+type Steps<'py> = (
+    Bound<'py, PyDict>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<u64>>,
+    Bound<'py, PyArray1<u64>>,
+);
+
+/// The environments without their spaces: E episodes of U UAVs each.
 #[pyclass(name = "EnvironmentCore", module = "skysink")]
 #[derive(Clone)]
 pub struct PyEnvironmentCore {
-    episode: Episode,
-    /// The plans of the episode so far, shared with clones.
+    episodes: Vec<Episode>,
+    /// The actions of the last step, whose room the next one uses.
+    actions: Vec<f32>,
+    /// The plans of a single episode so far, shared with clones.
     plans: Vec<Arc<Plan>>,
 }
 
 impl PyEnvironmentCore {
-    fn observation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let Self { episode, .. } = self;
-        let mut observed = Observations::of(slice::from_ref(episode));
-        episode.observe(&mut observed.rows().0);
-        observed.into_dict(py, episode, None)
+    fn width(&self) -> usize {
+        self.episodes[0].width()
     }
 
+    /// The numbers of the episodes with these seeds, or the next ones. Refuses those that have no seed.
+    fn numbers_of(&self, seeds: Vec<Option<u64>>) -> PyResult<Vec<u64>> {
+        let count = self.episodes.len() as u64;
+        let number = |(episode, seed): (&Episode, Option<u64>)| {
+            let number = seed.unwrap_or_else(|| episode.following(count));
+            episode.course.checked_seed(number).map(|_| number)
+        };
+        self.episodes.iter().zip(seeds).map(number).collect()
+    }
+
+    /// Refuses observations of another shape than [E, U, width].
+    fn expect_observations(&self, observations: &PyReadwriteArray3<'_, f32>) -> PyResult<()> {
+        let expected = [self.episodes.len(), self.agents(), self.width()];
+        expect("observations", observations.shape(), &expected, observations.is_c_contiguous())
+    }
+
+    /// Flies the next slot of a single episode.
     fn fly_plan<'py>(&mut self, py: Python<'py>, plan: Plan) -> PyResult<Step<'py>> {
-        if self.episode.is_over() {
+        let episode = &mut self.episodes[0];
+        if episode.is_over() {
             return Err(refused("the episode is over: expected reset()"));
         }
-        let Outcome { reward, delivered_bits, lost_bits, is_over, is_down } = self.episode.fly(&[Some(plan)]);
+        let Outcome { reward, delivered_bits, lost_bits, is_over, is_down } = episode.fly(&[Some(plan)]);
         self.plans.push(Arc::new(plan));
         let information = PyDict::new(py);
         information.set_item(intern!(py, "lost_bits"), lost_bits)?;
         information.set_item(intern!(py, "delivered_bits"), delivered_bits)?;
-        if self.episode.control() == Control::Sensor {
-            information.set_item(intern!(py, "action_mask"), self.action_masks(py))?;
+        if episode.control() == Control::Sensor {
+            information.set_item(intern!(py, "action_mask"), PyArray1::from_vec(py, episode.action_mask()))?;
         }
-        Ok((self.observation(py)?, reward, is_down, is_over && !is_down, information))
+        let mut observed = Observations::of(&self.episodes);
+        self.episodes[0].observe(&mut observed.rows().0);
+        let observation = observed.into_dict(py, &self.episodes[0])?;
+        Ok((observation, reward, is_down, is_over && !is_down, information))
     }
 }
 
 #[pymethods]
 impl PyEnvironmentCore {
+    /// `count` environments, or a single one, that of one mission. `agents`: whether the scenario may have several UAVs,
+    /// whose actions and rewards then are arrays of one more dimension.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     fn new(
         py: Python<'_>,
-        scenario: &Bound<'_, PyScenario>,
+        scenarios: Vec<Bound<'_, PyScenario>>,
+        agents: bool,
+        count: Option<usize>,
         fields: Option<u64>,
         observation: Vec<String>,
         nearest: Option<usize>,
@@ -76,130 +118,326 @@ impl PyEnvironmentCore {
         prepare: Option<Py<PyAny>>,
         return_rule: bool,
     ) -> PyResult<Self> {
-        let rules = Rules::of(py, Kind::One, fields, &observation, nearest, action, reward, prepare, return_rule)?;
-        Ok(Self { episode: Episode::first(scenario.get(), &Arc::new(rules))?, plans: Vec::new() })
+        let kind = match count {
+            None => Kind::One,
+            Some(_) if agents => Kind::Agents,
+            Some(_) => Kind::Vector,
+        };
+        let count = count.unwrap_or(1);
+        if !(1..=MAX_ENVIRONMENTS).contains(&count) {
+            return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
+        }
+        check(scenarios.len(), count)?;
+        if fields == Some(0) {
+            return Err(refused("fields = 0: expected 1 or more, or None"));
+        }
+        let rules = Arc::new(Rules {
+            fields,
+            observed: Observed::of(py, kind, &observation, nearest)?,
+            control: Control::named(action)?,
+            reward: Reward::named(reward, kind)?,
+            prepare,
+            has_return_rule: return_rule,
+            kind,
+        });
+        let mut firsts = vec![Episode::first(scenarios[0].get(), &rules)?];
+        if firsts[0].width() == 0 {
+            return Err(refused(format!("observation = {observation:?}: expected more, or several UAVs")));
+        }
+        for scenario in &scenarios[1..] {
+            firsts.push(firsts[0].over(scenario.get())?);
+        }
+        let mut episodes = vec![firsts[0].clone(); count];
+        begin_over(&mut episodes, &firsts, &vec![true; count])?;
+        Ok(Self { episodes, actions: Vec::new(), plans: Vec::new() })
     }
 
-    /// Begins the first episode over another scenario.
-    fn replace(&mut self, scenario: &Bound<'_, PyScenario>) -> PyResult<()> {
-        self.episode = self.episode.over(scenario.get())?;
+    /// Begins the first episodes over other scenarios, where `mask` is true. Environment i gets scenario i, modulo
+    /// their number.
+    fn replace(&mut self, scenarios: Vec<Bound<'_, PyScenario>>, mask: Vec<bool>) -> PyResult<()> {
+        let mut episodes = self.episodes.clone();
+        check(scenarios.len(), episodes.len())?;
+        if mask.len() != episodes.len() {
+            return Err(refused(format!("reset_mask of {}: expected {}", mask.len(), episodes.len())));
+        }
+        let firsts = scenarios.iter().map(|scenario| episodes[0].over(scenario.get())).collect::<PyResult<Vec<_>>>()?;
+        begin_over(&mut episodes, &firsts, &mask)?;
+        self.episodes = episodes;
         self.plans.clear();
         Ok(())
     }
 
-    /// Names, shapes and least numbers of what is observed.
+    /// Names, shapes and least numbers of what is observed by one agent.
     #[getter]
     fn observed(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
-        self.episode.boxes()
+        self.episodes[0].boxes()
     }
 
     /// Number of coordinates of an action, or of sensor nodes to choose from.
     #[getter]
     fn action_size(&self) -> usize {
-        self.episode.action_size()
+        self.episodes[0].action_size()
     }
 
-    fn action_masks<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        PyArray1::from_vec(py, self.episode.action_mask())
+    /// Number of agents of an environment.
+    #[getter]
+    fn agents(&self) -> usize {
+        self.episodes[0].plant.flights().len()
     }
 
     #[getter]
-    fn belief(&self, py: Python<'_>) -> PyResult<PyBelief> {
-        let Episode { field, plant, contacts, .. } = &self.episode;
-        let sampling_bps = believed_bps(py, plant, field)?;
-        let believed = believed(plant, field);
-        PyBelief::of(py, &believed, field, &self.queues_bits(py), &sampling_bps, contacts, plant.slot())
+    fn seeds(&self) -> Vec<u64> {
+        self.episodes.iter().map(Episode::seed).collect()
     }
 
     #[getter]
-    fn seed(&self) -> u64 {
-        self.episode.seed()
-    }
-
-    #[getter]
-    fn number(&self) -> u64 {
-        self.episode.number()
+    fn numbers(&self) -> Vec<u64> {
+        self.episodes.iter().map(|episode| episode.number).collect()
     }
 
     #[getter]
     fn field(&self) -> PyField {
-        PyField::new(Arc::clone(&self.episode.field))
+        PyField::new(Arc::clone(&self.episodes[0].field))
+    }
+
+    #[getter]
+    fn belief(&self, py: Python<'_>) -> PyResult<PyBelief> {
+        let episode = &self.episodes[0];
+        PyBelief::of(py, &episode.view(), &self.queues_bits(py), &self.sampling_bps(py)?, &episode.contacts)
     }
 
     #[getter]
     fn uav(&self) -> (f64, f64, f64) {
-        let position = self.episode.plant.flight(UAV).position();
+        let position = self.episodes[0].plant.flight(UAV).position();
         (position.x, position.y, position.z)
     }
 
     #[getter]
     fn queues_bits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        PyArray1::from_slice(py, self.episode.plant.field().believed_bits())
+        PyArray1::from_slice(py, self.episodes[0].plant.field().believed_bits())
     }
 
     #[getter]
     fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        believed_bps(py, &self.episode.plant, &self.episode.field)
+        let Episode { field, plant, .. } = &self.episodes[0];
+        match plant.field().belief().learnt_bps(field.limits.slot_s) {
+            Some(learnt_bps) => read_only(PyArray1::from_iter(py, learnt_bps)),
+            None => field.sampling_bps(py),
+        }
     }
 
-    fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<Bound<'py, PyDict>> {
-        self.episode.begin(number)?;
+    /// Lost and delivered bits of each mission so far.
+    #[getter]
+    fn totals<'py>(&self, py: Python<'py>) -> (Bound<'py, PyArray1<u64>>, Bound<'py, PyArray1<u64>>) {
+        let totals = || self.episodes.iter().map(|episode| episode.plant.header().totals);
+        let lost_bits = PyArray1::from_iter(py, totals().map(|totals| totals.lost_bits));
+        (lost_bits, PyArray1::from_iter(py, totals().map(|totals| totals.delivered_bits)))
+    }
+
+    /// Begins the episodes with these seeds, or the next ones, where `mask` is true; what all observe, by quantity.
+    fn reset<'py>(
+        &mut self,
+        py: Python<'py>,
+        seeds: Vec<Option<u64>>,
+        mask: Vec<bool>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let count = self.episodes.len();
+        if [seeds.len(), mask.len()] != [count; 2] {
+            let [seeds, mask] = [seeds.len(), mask.len()];
+            return Err(refused(format!("{seeds} seeds, reset_mask of {mask}: expected {count} of each")));
+        }
+        let numbers = self.numbers_of(seeds)?;
+        let mut observed = Observations::of(&self.episodes);
+        let (mut rows, kinds) = observed.rows();
+        let entries = numbers.into_iter().zip(mask).zip(rows.chunks_mut(kinds));
+        py.detach(|| {
+            each(&mut self.episodes, entries, |_, episode, ((number, is_reset), rows)| {
+                if is_reset {
+                    episode.reset(number)?;
+                }
+                episode.observe(rows);
+                Ok(())
+            })
+        })?;
         self.plans.clear();
-        self.observation(py)
+        observed.into_dict(py, &self.episodes[0])
     }
 
-    fn step<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
-        let decision = Actions::one(&self.episode, action)?.decision(0, &self.episode);
-        let plan = self.episode.ruled(decision, Mode::Serve);
+    /// Begins all episodes with these seeds, or the next ones, and observes all, [E, U, width].
+    fn reset_into(
+        &mut self,
+        py: Python<'_>,
+        seeds: Vec<Option<u64>>,
+        mut observations: PyReadwriteArray3<'_, f32>,
+    ) -> PyResult<()> {
+        let numbers = self.numbers_of(seeds)?;
+        self.expect_observations(&observations)?;
+        let row = self.agents() * self.width();
+        let entries = numbers.into_iter().zip(observations.as_slice_mut()?.chunks_mut(row));
+        py.detach(|| {
+            each(&mut self.episodes, entries, |_, episode, (number, observed)| {
+                episode.reset(number)?;
+                episode.observe_flat(observed);
+                Ok(())
+            })
+        })
+    }
+
+    /// Flies one slot of a single episode by an action.
+    fn step_one<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        let episode = &mut self.episodes[0];
+        self.actions = control::one(episode, action)?;
+        let decision = episode.decision(&self.actions);
+        let plan = episode.ruled(decision, Mode::Serve, None);
         self.fly_plan(py, plan)
     }
 
-    #[pyo3(signature = (decision, transit = false))]
+    /// The same by a decision of a strategy.
     fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
         let mode = if transit { Mode::Transit } else { Mode::Serve };
-        let plan = self.episode.decided(decision.get(), mode)?;
+        let plan = self.episodes[0].decided(decision.get(), mode)?;
         self.fly_plan(py, plan)
     }
 
-    /// Flies the next slot by the plan of a built-in strategy.
+    /// The same by the plan of a built-in strategy.
     fn follow<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Step<'py>> {
-        let plans = interruptible(py, |stop| self.episode.expert_plans(strategy, stop))??;
+        let plans = interruptible(py, |stop| self.episodes[0].expert_plans(strategy, stop))??;
         self.fly_plan(py, plans[UAV])
     }
 
-    /// The action that comes closest to the plan of a built-in strategy.
-    fn expert<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Bound<'py, PyAny>> {
-        let is_choice = self.episode.control() == Control::Sensor;
-        let mut action = vec![0.0; if is_choice { 1 } else { self.episode.action_size() }];
-        interruptible(py, |stop| self.episode.write_expert(strategy, stop, &mut action))??;
-        if is_choice {
-            return Ok((action[0] as i64).into_pyobject(py)?.into_any());
+    /// Flies one slot of every episode. An episode that is over is replaced by the next one of its environment instead.
+    fn step<'py>(&mut self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Steps<'py>> {
+        let Self { episodes, actions: flown, .. } = self;
+        let count = episodes.len();
+        control::read(episodes, actions, flown)?;
+        let mut outcomes = vec![Outcome::default(); count];
+        let mut observed = Observations::of(episodes);
+        let (mut rows, kinds) = observed.rows();
+        let entries = outcomes.iter_mut().zip(rows.chunks_mut(kinds));
+        py.detach(|| {
+            each(episodes, entries, |index, episode, (outcome, rows)| {
+                *outcome = fly(index, count, episode, flown, &mut [])?;
+                episode.observe(rows);
+                Ok(())
+            })
+        })?;
+        Ok((
+            observed.into_dict(py, &self.episodes[0])?,
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.reward)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.is_down)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.is_over && !outcome.is_down)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.lost_bits)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.delivered_bits)),
+        ))
+    }
+
+    /// The same, and writes into the other arrays: observations [E, U, width], rewards [E, U], terminated and truncated
+    /// [E].
+    fn step_into(
+        &mut self,
+        py: Python<'_>,
+        actions: &Bound<'_, PyAny>,
+        mut observations: PyReadwriteArray3<'_, f32>,
+        mut rewards: PyReadwriteArray2<'_, f32>,
+        mut terminated: PyReadwriteArray1<'_, bool>,
+        mut truncated: PyReadwriteArray1<'_, bool>,
+    ) -> PyResult<()> {
+        let (count, uavs, width) = (self.episodes.len(), self.agents(), self.width());
+        if !self.episodes[0].has_begun {
+            return Err(refused("no episode has begun: expected reset_into()"));
         }
-        Ok(PyArray1::from_vec(py, action).into_any())
+        self.expect_observations(&observations)?;
+        expect("rewards", rewards.shape(), &[count, uavs], rewards.is_c_contiguous())?;
+        expect("terminated", terminated.shape(), &[count], terminated.is_c_contiguous())?;
+        expect("truncated", truncated.shape(), &[count], truncated.is_c_contiguous())?;
+        let Self { episodes, actions: flown, .. } = self;
+        control::read(episodes, actions, flown)?;
+        let ends = terminated.as_slice_mut()?.iter_mut().zip(truncated.as_slice_mut()?);
+        let rows = observations.as_slice_mut()?.chunks_mut(uavs * width);
+        let entries = rows.zip(rewards.as_slice_mut()?.chunks_mut(uavs)).zip(ends);
+        py.detach(|| {
+            each(episodes, entries, |index, episode, ((observed, rewards), (down, over))| {
+                let outcome = fly(index, count, episode, flown, rewards)?;
+                (*down, *over) = (outcome.is_down, outcome.is_over && !outcome.is_down);
+                episode.observe_flat(observed);
+                Ok(())
+            })
+        })
+    }
+
+    /// For each agent whether each sensor node to choose from is within the reach of one slot, [size], [E, size] or [E,
+    /// U, size].
+    fn action_masks<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        let size = self.action_size();
+        let of_episode = self.agents() * size;
+        let mut masks = vec![false; self.episodes.len() * of_episode];
+        py.detach(|| {
+            each(&mut self.episodes, masks.chunks_mut(of_episode), |_, episode, masks| {
+                for (uav, mask) in masks.chunks_mut(size).enumerate() {
+                    episode.uav = uav;
+                    mask.copy_from_slice(&episode.action_mask());
+                }
+                Ok(())
+            })
+        })?;
+        PyArray1::from_vec(py, masks).reshape(control::shape(&self.episodes, &[size]))
+    }
+
+    /// The actions that come closest to the plans of a built-in strategy, [size], [E, size] or [E, U, size], or [], [E]
+    /// or [E, U] of sensor nodes; 0 where one of several episodes is over.
+    fn expert<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Bound<'py, PyAny>> {
+        let of_episode = self.agents() * self.episodes[0].action_width();
+        let mut actions = vec![0.0; self.episodes.len() * of_episode];
+        interruptible(py, |stop| {
+            each(&mut self.episodes, actions.chunks_mut(of_episode), |_, episode, into| {
+                match episode.is_over() && episode.rules().kind != Kind::One {
+                    true => Ok(()),
+                    false => episode.write_expert(strategy, stop, into),
+                }
+            })
+        })??;
+        if self.episodes[0].control() == Control::Sensor {
+            let choices = PyArray1::from_iter(py, actions.iter().map(|&choice| choice as i64));
+            let choices = choices.reshape(control::shape(&self.episodes, &[]))?.into_any();
+            return if self.episodes[0].rules().kind == Kind::One { choices.call_method0("item") } else { Ok(choices) };
+        }
+        let shape = control::shape(&self.episodes, &[self.action_size()]);
+        Ok(PyArray1::from_vec(py, actions).reshape(shape)?.into_any())
+    }
+
+    /// The state of the first environment: positions of all UAVs as fractions, the queues as fractions, the slot.
+    fn state<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        PyArray1::from_vec(py, self.episodes[0].state())
     }
 
     fn clone(&self) -> Self {
         Clone::clone(self)
     }
 
-    /// The episode as bytes, and the plans of its slots.
-    fn save(&self) -> (Vec<u8>, Vec<u8>) {
+    /// The episodes as bytes, and the plans of the slots of a single one.
+    fn save(&self) -> (Vec<Vec<u8>>, Vec<u8>) {
         let plans: Vec<Plan> = self.plans.iter().map(|plan| **plan).collect();
-        (self.episode.save(), bytemuck::cast_slice(&plans).to_vec())
+        (self.episodes.iter().map(Episode::save).collect(), bytemuck::cast_slice(&plans).to_vec())
     }
 
-    fn restore(&mut self, saved: (Vec<u8>, Vec<u8>)) -> PyResult<()> {
-        let (episode, plans) = saved;
-        self.episode.restore(&episode)?;
+    fn restore(&mut self, saved: (Vec<Vec<u8>>, Vec<u8>)) -> PyResult<()> {
+        let (episodes, plans) = saved;
+        if episodes.len() != self.episodes.len() {
+            return Err(refused(format!("{} episodes: expected {}", episodes.len(), self.episodes.len())));
+        }
+        self.episodes.iter_mut().zip(episodes).try_for_each(|(episode, bytes)| episode.restore(&bytes))?;
         self.plans = bytemuck::pod_collect_to_vec(&plans).into_iter().map(Arc::new).collect();
         Ok(())
     }
 
+    /// The slots of a single episode so far, as a run.
     fn run(&self, label: &str) -> PyResult<PyRun> {
         let label = checked_label(label)?;
-        let scenario = PyScenario::on_record(&self.episode.scenario()?)?.flown_by(&format!("{PYTHON}{label}"))?;
+        let episode = &self.episodes[0];
+        let scenario =
+            PyScenario::on_record(&episode.course.prepared(episode.number)?)?.flown_by(&format!("{PYTHON}{label}"))?;
         let plans = self.plans.iter().map(|plan| Plans::from_buf([Some(**plan)]));
-        let list = SensorList::clone(&self.episode.list);
+        let list = SensorList::clone(&episode.list);
         PyRun::of_plans(scenario, list, plans, python_mode(label, Vec::new())).map_err(of_mission)
     }
 }

@@ -18,7 +18,6 @@ use skysink_common::stop::Stop;
 use skysink_mission::Plant;
 use skysink_planner::fleet::require_one;
 use skysink_planner::neighbours::{Neighbours, ReservationTable};
-
 use skysink_planner::rules::{Duty, RuleBook, Ruled};
 use skysink_planner::settings;
 use skysink_planner::strategy::{Decision, Timing, View};
@@ -46,40 +45,39 @@ pub struct Course {
 
 impl Course {
     /// The seed of the episode with this number.
-    fn seed(&self, number: u64) -> u64 {
+    pub fn seed(&self, number: u64) -> u64 {
         self.rules.fields.map_or(number, |count| self.scenario.seed + number % count)
     }
 
-    /// The mission of the episode with this number, with the models of its environment.
-    fn prepared(&self, number: u64) -> PyResult<Scenario> {
-        let scenario = self.scenario(number)?;
-        let Some(prepare) = &self.rules.prepare else { return Ok(scenario) };
-        Python::attach(|py| {
-            let prepared = prepare.call1(py, (PyScenario::on_record(&scenario)?,))?;
-            Ok(prepared.bind(py).cast::<PyScenario>()?.get().scenario.clone())
-        })
+    /// The same, if it is that of a scenario.
+    pub fn checked_seed(&self, number: u64) -> PyResult<u64> {
+        let seed = self.seed(number);
+        if i64::try_from(seed).is_err() {
+            let message = format!("{seed}: expected 0 to {}", i64::MAX);
+            return Err(refused(InputError::of_argument("seed", &seed.to_string(), message)));
+        }
+        Ok(seed)
     }
 
-    /// The mission of the episode with this number, as the scenario has it.
-    fn scenario(&self, number: u64) -> PyResult<Scenario> {
-        let mut scenario = self.scenario.clone();
-        scenario.seed = self.seed(number);
-        if i64::try_from(scenario.seed).is_err() {
-            let message = format!("{}: expected 0 to {}", scenario.seed, i64::MAX);
-            return Err(refused(InputError::of_argument("seed", &scenario.seed.to_string(), message)));
-        }
-        Ok(scenario)
+    /// The mission of the episode with this number, with the models of its environment.
+    pub fn prepared(&self, number: u64) -> PyResult<Scenario> {
+        let scenario = Scenario { seed: self.checked_seed(number)?, ..self.scenario.clone() };
+        let Some(prepare) = &self.rules.prepare else { return Ok(scenario) };
+        Python::attach(|py| PyScenario::prepared(py, prepare, &scenario))
     }
 }
 
 /// The stop that nobody requests.
-pub static NEVER: LazyLock<Stop> = LazyLock::new(Stop::default);
+static NEVER: LazyLock<Stop> = LazyLock::new(Stop::default);
 
 /// A running episode.
 #[derive(Clone)]
 pub struct Episode {
-    course: Arc<Course>,
-    number: u64,
+    pub course: Arc<Course>,
+    /// In a vector of n, environment i has the numbers i, i + n, i + 2n and so on, plus that of the first.
+    pub number: u64,
+    /// Whether a reset has begun an episode of its environment.
+    pub has_begun: bool,
     /// The UAV that observes and acts.
     pub uav: usize,
     pub list: Arc<SensorList>,
@@ -126,11 +124,6 @@ pub struct Outcome {
     pub is_down: bool,
 }
 
-/// Weights of the sensor nodes of a list, by id.
-fn weights(list: &SensorList) -> Arc<[f64]> {
-    list.sensors().iter().map(|sensor| sensor.weight).collect()
-}
-
 impl Episode {
     /// The first episode of an environment with these rules.
     pub fn first(scenario: &PyScenario, rules: &Arc<Rules>) -> PyResult<Self> {
@@ -147,10 +140,8 @@ impl Episode {
         let number = if fields.is_some() { 0 } else { scenario.seed };
         let first = Self::new(Arc::new(Course { scenario, rules: Arc::clone(rules) }), number)?;
         if let Some(nearest) = rules.observed.nearest.filter(|nearest| !(1..=first.field.count()).contains(nearest)) {
-            let count = first.field.count();
-            return Err(refused(format!(
-                "nearest = {nearest}: expected 1 to {count}, the sensor nodes of the scenario"
-            )));
+            let expected = format!("1 to {}, the sensor nodes of the scenario", first.field.count());
+            return Err(refused(format!("nearest = {nearest}: expected {expected}")));
         }
         Ok(first)
     }
@@ -158,24 +149,19 @@ impl Episode {
     /// The first episode over another scenario. Its observations and actions have the same shape.
     pub fn over(&self, scenario: &PyScenario) -> PyResult<Self> {
         let other = Self::first(scenario, &self.course.rules)?;
+        let name = &scenario.scenario.name;
         let uavs = |episode: &Self| episode.plant.flights().len();
         if uavs(&other) != uavs(self) {
-            let (count, expected) = (uavs(&other), uavs(self));
-            return Err(refused(format!("scenario {}: {count} UAVs: expected {expected}", scenario.scenario.name)));
+            return Err(refused(format!("scenario {name}: {} UAVs: expected {}", uavs(&other), uavs(self))));
         }
-        let shape = |episode: &Self| [episode.field.count(), episode.axes()];
-        let [count, axes] = shape(self);
-        let has_count = self.rules().kind == Kind::Agents; // in the state of the mission
-        let spaces = |episode: &Self| (episode.boxes(), episode.action_size(), episode.axes());
-        if spaces(&other) != spaces(self) || has_count && other.field.count() != count {
-            let altitude = |axes| if axes == 3 { "a free altitude" } else { "a fixed altitude" };
-            let [other_count, other_axes] = shape(&other);
-            return Err(refused(format!(
-                "scenario {}: {other_count} sensor nodes, {}: expected {count} and {}, because spaces stay the same",
-                scenario.scenario.name,
-                altitude(other_axes),
-                altitude(axes)
-            )));
+        let count = |episode: &Self| episode.field.count();
+        let in_state = |episode: &Self| (self.rules().kind == Kind::Agents).then(|| count(episode));
+        let spaces = |episode: &Self| (episode.boxes(), episode.action_size(), episode.axes(), in_state(episode));
+        if spaces(&other) != spaces(self) {
+            let altitude = |episode: &Self| if episode.axes() == 3 { "a free altitude" } else { "a fixed altitude" };
+            let found = format!("{} sensor nodes, {}", count(&other), altitude(&other));
+            let expected = format!("{} and {}, because spaces stay the same", count(self), altitude(self));
+            return Err(refused(format!("scenario {name}: {found}: expected {expected}")));
         }
         Ok(other)
     }
@@ -185,19 +171,22 @@ impl Episode {
         let scenario = course.prepared(number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
-        let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()).map_err(refused)?);
+        let nodes = plant.field().belief().known_nodes(list.nodes(), scenario.slot_s);
+        let field = FieldData::of(&scenario, nodes)?;
         let Rules { observed, reward, .. } = &*course.rules;
+        let weights = list.sensors().iter().map(|sensor| sensor.weight);
         let known_bits = field.sensors.ids().map(|id| field.sensors.sampler(id).mean_bits);
         let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);
         Ok(Self {
             number,
+            has_begun: false,
             uav: UAV,
             experts: Experts::default(),
             decided: OwnRules::default(),
             reservations: ReservationTable::of(&scenario),
-            contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
+            contacts: Contacts::none(if course.rules.keeps_contacts() { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
-            weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
+            weights: if *reward == Reward::Weighted { weights.collect() } else { Arc::default() },
             has_random_arrivals: scenario.arrival_law().is_random(),
             expected_bits: list.slot_bits(&scenario) * scenario.slots as f64,
             highest_mean_bits: known_bits.fold(highest_of_range, f64::max),
@@ -211,8 +200,9 @@ impl Episode {
 
     /// The episode with this number. It reuses the sensor nodes if they are the same.
     pub fn begin(&mut self, number: u64) -> PyResult<()> {
-        if self.seed_of(number) != self.seed() {
-            *self = Self::new(Arc::clone(&self.course), number)?;
+        if self.course.seed(number) != self.seed() {
+            let has_begun = self.has_begun;
+            *self = Self { has_begun, ..Self::new(Arc::clone(&self.course), number)? };
             return Ok(());
         }
         self.plant = match self.course.rules.prepare {
@@ -225,34 +215,24 @@ impl Episode {
         Ok(())
     }
 
-    /// Checks that a number has a seed.
-    pub fn check(&self, number: u64) -> PyResult<()> {
-        self.course.scenario(number).map(|_| ())
+    /// The episode with this number, by a reset.
+    pub fn reset(&mut self, number: u64) -> PyResult<()> {
+        self.begin(number)?;
+        self.has_begun = true;
+        Ok(())
     }
 
-    /// The rules of its environment.
+    /// The number that a reset begins without a seed, in a vector of `count` environments.
+    pub fn following(&self, count: u64) -> u64 {
+        if self.has_begun { self.number + count } else { self.number }
+    }
+
     pub fn rules(&self) -> &Rules {
         &self.course.rules
     }
 
-    /// Its number. In a vector of n, environment i has the numbers i, i + n, i + 2n and so on, plus that of the first.
-    pub fn number(&self) -> u64 {
-        self.number
-    }
-
-    /// Its Skysink seed.
     pub fn seed(&self) -> u64 {
-        self.seed_of(self.number)
-    }
-
-    /// The Skysink seed of the episode with this number.
-    pub fn seed_of(&self, number: u64) -> u64 {
-        self.course.seed(number)
-    }
-
-    /// Its mission.
-    pub fn scenario(&self) -> PyResult<Scenario> {
-        self.course.prepared(self.number)
+        self.course.seed(self.number)
     }
 
     /// The last flight of the UAV that observes and acts.
@@ -263,14 +243,15 @@ impl Episode {
     /// Flies the next slot by the plan of each UAV.
     pub fn fly(&mut self, plans: &[Option<Plan>]) -> Outcome {
         let reward = self.course.rules.reward;
-        let before = reward.bits(self);
+        let before = self.plant.header().totals;
+        let weighted = Reward::weighted_bits(self);
         self.experts.follow(&self.plant, plans);
         let header = self.plant.step(plans).header;
-        if self.course.rules.keeps_contacts {
+        if !self.contacts.slots().is_empty() {
             self.plant.flights().iter().for_each(|flight| self.contacts.add(self.plant.slot(), flight));
         }
         Outcome {
-            reward: reward.of(self, before),
+            reward: reward.of(self, &before, weighted),
             delivered_bits: header.delivered_bits,
             lost_bits: header.lost_bits,
             is_over: self.plant.is_over(),
@@ -305,7 +286,7 @@ impl Episode {
     /// The plan by a decision of a strategy in Python.
     pub fn decided(&mut self, decision: &PyDecision, mode: Mode) -> PyResult<Plan> {
         let decision = self.served(|view, rules| decision.decide(view, &mut rules.serving))?;
-        Ok(self.ruled(decision, mode))
+        Ok(self.ruled(decision, mode, None))
     }
 
     /// Begins the plans of a slot, of all UAVs by their numbers.
@@ -322,18 +303,14 @@ impl Episode {
         let flights: ByUav<FlightReport> = self.plant.flights().iter().copied().collect();
         let neighbours =
             Neighbours { uav: self.uav, flights: &flights, scheduled: &[], intents: None, reservations: reserved };
-        let plan = self.ruled_among(decision, Mode::Serve, Some(&neighbours));
+        let plan = self.ruled(decision, Mode::Serve, Some(&neighbours));
         reservations.reserve(&self.field, slot, self.uav, &flights[self.uav].position().xy(), &plan);
         self.reservations = reservations;
         plan
     }
 
     /// The plan by `decision`. If the environment has the rules for strategies, what becomes of it by them.
-    pub fn ruled(&mut self, decision: Decision, mode: Mode) -> Plan {
-        self.ruled_among(decision, mode, None)
-    }
-
-    fn ruled_among(&mut self, decision: Decision, mode: Mode, neighbours: Option<&Neighbours<'_>>) -> Plan {
+    pub fn ruled(&mut self, decision: Decision, mode: Mode, neighbours: Option<&Neighbours<'_>>) -> Plan {
         let duty = if self.flight().flown_mode() == Mode::Down { Duty::Down } else { Duty::Mission };
         let ruled = match self.course.rules.has_return_rule {
             true => self.served(|view, rules| {
@@ -358,19 +335,18 @@ impl Episode {
         self.plant.is_over() || self.is_down()
     }
 
-    /// Its state as bytes.
     pub fn save(&self) -> Vec<u8> {
         let mut plant = Vec::new();
         self.plant.save(&mut plant);
         let mut bytes = Vec::new();
-        encode(&(self.number, plant, self.contacts.slots()), &mut bytes);
+        encode(&(self.number, self.has_begun, plant, self.contacts.slots()), &mut bytes);
         bytes
     }
 
     /// Restores a state that [`Episode::save`] returned for the same environment. Refuses any other.
     pub fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
-        let (number, plant, contacts): (u64, Vec<u8>, Vec<u64>) = decode(bytes).map_err(refused)?;
-        let mut episode = self.clone();
+        let (number, has_begun, plant, contacts): (u64, bool, Vec<u8>, Vec<u64>) = decode(bytes).map_err(refused)?;
+        let mut episode = Self { has_begun, ..self.clone() };
         episode.begin(number)?;
         episode.plant.restore(&plant).map_err(refused)?;
         let slot = episode.plant.slot();

@@ -13,12 +13,10 @@ create_exception!(
     "Invalid scenario, sweep, folder or value. The message is one line with the value and the expectation."
 );
 
-/// The error of bad input.
 pub fn refused(message: impl ToString) -> PyErr {
     InputError::new_err(message.to_string())
 }
 
-/// The error of a mission.
 pub fn of_mission(error: MissionError) -> PyErr {
     match error {
         MissionError::Input(error) => refused(error),
@@ -32,7 +30,6 @@ pub fn of_mission(error: MissionError) -> PyErr {
     }
 }
 
-/// The error of a sweep.
 pub fn of_lab(error: LabError) -> PyErr {
     match error {
         LabError::Mission(error) => of_mission(error),

@@ -8,31 +8,26 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
 use skysink_common::base::Base;
-use skysink_common::belief::Belief;
-use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::geometry::disks::Disk;
-use skysink_planner::keys::Settings;
 use skysink_planner::mission_table::MissionTable;
+use skysink_planner::route::route::Route;
 use skysink_planner::rules::RuleBook;
 use skysink_planner::strategies::serving::{fill_fullest_in_range, fill_most_in_range};
-use skysink_planner::strategy::Setup;
+use skysink_planner::strategy::{OwnedSetup, Setup};
 
 use crate::errors::refused;
-use crate::held::HeldChannel;
+use crate::held::Held;
 use crate::route::PyRoute;
 use crate::values::{Reduced, read_only};
 
 /// The sensor nodes of a mission and the limits of its plans, as a planner knows them.
 pub struct FieldData {
-    table: MissionTable,
-    /// The scenario without what a UAV is not told.
-    scenario: Scenario,
-    settings: Settings,
+    /// The mission without what a UAV is not told.
+    mission: OwnedSetup,
     /// The buffers of the sensor nodes [bit], for observations.
     pub buffers_bits: Vec<f32>,
     /// The sensor nodes as published.
@@ -43,30 +38,21 @@ impl Deref for FieldData {
     type Target = MissionTable;
 
     fn deref(&self) -> &MissionTable {
-        &self.table
+        &self.mission.table
     }
 }
 
 impl FieldData {
-    /// The field of a scenario as the UAV knows it by `belief`.
+    /// The field of a scenario with these sensor nodes, as the UAV knows them.
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused.
-    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Result<Self, InputError> {
-        Self::of_nodes(scenario, belief.known_nodes(list.nodes(), scenario.slot_s))
-    }
-
-    /// The field of a scenario with these sensor nodes.
-    ///
-    /// # Errors
-    /// If `[planner]` of the scenario is refused.
-    pub fn of_nodes(scenario: &Scenario, nodes: Vec<SensorNode>) -> Result<Self, InputError> {
-        let settings = Settings::of(scenario)?;
-        Ok(Self::new(MissionTable::of(scenario, &nodes), scenario, settings, nodes))
+    pub fn of(scenario: &Scenario, nodes: Vec<SensorNode>) -> PyResult<Arc<Self>> {
+        Ok(Self::new(OwnedSetup::new(scenario.clone(), &nodes).map_err(refused)?, nodes))
     }
 
     /// The field of a strategy.
-    pub fn of_setup(setup: &Setup<'_>) -> Self {
+    pub fn of_setup(setup: &Setup<'_>) -> Arc<Self> {
         let sensors = &setup.table.sensors;
         let node = |id: u32| {
             let (at, sampler) = (sensors.position(id), sensors.sampler(id));
@@ -80,42 +66,31 @@ impl FieldData {
                 weight: sensors.weights.of(id as usize),
             }
         };
-        Self::new(setup.table.clone(), setup.scenario, *setup.settings, sensors.ids().map(node).collect())
+        let mission = OwnedSetup {
+            scenario: setup.scenario.clone(),
+            settings: *setup.settings,
+            table: setup.table.clone(),
+            stop: Stop::default(),
+        };
+        Self::new(mission, sensors.ids().map(node).collect())
     }
 
-    fn new(table: MissionTable, scenario: &Scenario, settings: Settings, nodes: Vec<SensorNode>) -> Self {
-        let buffers_bits = nodes.iter().map(|node| node.capacity_bits as f32).collect();
-        let mut told = scenario.clone();
+    fn new(mut mission: OwnedSetup, nodes: Vec<SensorNode>) -> Arc<Self> {
+        let told = &mut mission.scenario;
         told.sensors.file = None;
         told.sensors.arrivals = None;
         told.trace = None;
         told.seed = 0; // by which rates and queues are drawn
-        Self { table, scenario: told, settings, buffers_bits, nodes }
+        Arc::new(Self { mission, buffers_bits: nodes.iter().map(|node| node.capacity_bits as f32).collect(), nodes })
     }
 
     /// The rules for decisions, which also compute schedules and altitudes.
     pub fn rules(&self) -> RuleBook {
-        let Self { table, scenario, settings, .. } = self;
-        let stop = &Stop::default();
-        RuleBook::new(&Setup { scenario, settings, table, belief: &Belief::Known, team: None, stop })
+        RuleBook::new(&self.mission.setup())
     }
 
-    /// Refuses queues of another field.
-    pub fn check(&self, count: usize) -> PyResult<()> {
-        if count != self.count() {
-            return Err(refused(format!("queues_bits of {count} sensor nodes: expected {}", self.count())));
-        }
-        Ok(())
-    }
-
-    /// Sensor nodes.
     pub fn count(&self) -> usize {
         self.nodes.len()
-    }
-
-    /// Buffers of the sensor nodes [bit].
-    pub fn capacities_bits(&self) -> impl Iterator<Item = u32> {
-        self.nodes.iter().map(|node| node.capacity_bits)
     }
 
     /// Sampling rates of the sensor nodes [bit/s], as the UAV knows them before slot 1, read-only.
@@ -132,21 +107,17 @@ impl FieldData {
     /// The sensor nodes that a UAV at `uav` [m] serves by default.
     pub fn fullest(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Vec<u32> {
         let mut ids = Vec::new();
-        if self.settings.objective.is_collect() {
-            fill_most_in_range(&self.table, uav, queues_bits, &mut ids);
+        if self.mission.settings.objective.is_collect() {
+            fill_most_in_range(self, uav, queues_bits, &mut ids);
         } else {
-            fill_fullest_in_range(&self.table, &uav.xy(), queues_bits, &mut ids);
+            fill_fullest_in_range(self, &uav.xy(), queues_bits, &mut ids);
         }
         ids
     }
 
     /// The route from `from` into the disk of `radius_m` about `centre` [m]; `None` if there is none.
-    pub fn route_into(&self, from: &Position, centre: &Position, radius_m: f64) -> Option<PyRoute> {
-        let disk = Disk { centre: *centre, radius_m };
-        let route = self.motion.shortest_into(from, &disk)?;
-        let end_m = (route.end().x, route.end().y);
-        let slots = u64::from(route.slots()).max(1);
-        Some(PyRoute { length_m: route.length_m(), slots, energy_j: route.energy_j(), end_m })
+    pub fn route_into(&self, from: &Position, centre: &Position, radius_m: f64) -> Option<Route> {
+        self.motion.shortest_into(from, &Disk { centre: *centre, radius_m })
     }
 }
 
@@ -188,11 +159,10 @@ pub struct PyField {
 }
 
 impl PyField {
-    /// The field with these data.
     pub fn new(data: Arc<FieldData>) -> Self {
         let limits = data.limits;
         Self {
-            capacity_bits: data.capacities_bits().max().unwrap_or(0),
+            capacity_bits: data.nodes.iter().map(|node| node.capacity_bits).max().unwrap_or(0),
             area_m: (limits.width_m, limits.height_m),
             reach_m: limits.reach_m,
             comm_radius_m: limits.comm_radius_m,
@@ -206,14 +176,9 @@ impl PyField {
         }
     }
 
-    /// The field of a scenario as the UAV knows it by `belief`.
-    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> PyResult<Self> {
-        Ok(Self::new(Arc::new(FieldData::of(scenario, list, belief).map_err(refused)?)))
-    }
-
     /// The field of a scenario with these sensor nodes.
-    pub fn of_nodes(scenario: &Scenario, nodes: Vec<SensorNode>) -> PyResult<Self> {
-        Ok(Self::new(Arc::new(FieldData::of_nodes(scenario, nodes).map_err(refused)?)))
+    pub fn of(scenario: &Scenario, nodes: Vec<SensorNode>) -> PyResult<Self> {
+        FieldData::of(scenario, nodes).map(Self::new)
     }
 
     /// The values of queues [bit].
@@ -262,9 +227,10 @@ pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
 impl PyField {
     /// For pickle and copy.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (Vec<u8>,)>> {
-        let FieldData { scenario, nodes, .. } = &*slf.get().data;
-        let [channel, rates] = HeldChannel::of(scenario).texts();
-        let text = (scenario.to_toml(), &scenario.path, None::<&str>, channel, rates);
+        let FieldData { mission, nodes, .. } = &*slf.get().data;
+        let scenario = &mission.scenario;
+        let [arrivals, channel, rates] = Held::of(scenario).texts();
+        let text = (scenario.to_toml(), &scenario.path, arrivals, channel, rates);
         let scenario = slf.py().import("skysink")?.getattr("Scenario")?.call_method1("parse", text)?;
         Ok((scenario.getattr("_field")?, (bytemuck::cast_slice(nodes).to_vec(),)))
     }
@@ -276,9 +242,8 @@ impl PyField {
     /// Positions of the SNs, east and north [m], [N, 2]. Every access creates a new array.
     #[getter]
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let positions = &self.data.sensors.positions;
-        let array = Array2::from_shape_fn((positions.len(), 2), |(sensor, axis)| positions[sensor][axis]);
-        read_only(array.into_pyarray(py))
+        let positions: Vec<[f64; 2]> = self.data.sensors.positions.iter().map(|&position| position.into()).collect();
+        read_only(Array2::from(positions).into_pyarray(py))
     }
 
     /// Reference channel gain at 1 m, a linear ratio, [N].
@@ -296,7 +261,7 @@ impl PyField {
     /// Buffers B_i of the SNs [bit], [N].
     #[getter]
     fn capacities_bits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        read_only(PyArray1::from_iter(py, self.data.capacities_bits()))
+        read_only(PyArray1::from_iter(py, self.data.nodes.iter().map(|node| node.capacity_bits)))
     }
 
     /// Weights w_i of the bits of the SNs, [N]; 1 without weights in the sensor list.
@@ -345,7 +310,10 @@ impl PyField {
         point: &Bound<'py, PyAny>,
         queues_bits: PyReadonlyArray1<'py, u32>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        self.data.check(queues_bits.len()?)?;
+        let count = queues_bits.len()?;
+        if count != self.data.count() {
+            return Err(refused(format!("queues_bits of {count} sensor nodes: expected {}", self.data.count())));
+        }
         let mut ids = Vec::new();
         fill_fullest_in_range(&self.data, &ground(point)?, queues_bits.as_slice()?, &mut ids);
         Ok(ids.into_pyarray(py))
@@ -356,14 +324,15 @@ impl PyField {
     pub fn route(&self, from: &Bound<'_, PyAny>, goal: &Bound<'_, PyAny>) -> PyResult<Option<PyRoute>> {
         let from = ground(from)?;
         if goal.hasattr("__len__")? {
-            return Ok(self.data.route_into(&from, &ground(goal)?, 0.0));
+            return Ok(self.data.route_into(&from, &ground(goal)?, 0.0).as_ref().map(PyRoute::of));
         }
         let id: u32 =
             goal.extract().map_err(|_| refused(format!("goal {goal}: expected a point, or the id of an SN")))?;
         if id as usize >= self.data.count() {
             return Err(refused(format!("goal {id}: expected the id of a sensor node, below {}", self.data.count())));
         }
-        Ok(self.data.route_into(&from, self.data.sensors.position(id), self.comm_radius_m))
+        let route = self.data.route_into(&from, self.data.sensors.position(id), self.comm_radius_m);
+        Ok(route.as_ref().map(PyRoute::of))
     }
 
     /// The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2].

@@ -1,8 +1,9 @@
-//! What a scenario holds in memory instead of the files of its channel.
+//! What a scenario holds in memory instead of files.
 
 use std::path::Path;
 
 use pyo3::prelude::*;
+use skysink_common::arrivals::ArrivalTrace;
 use skysink_common::channel::{LinkMap, RateTable};
 use skysink_common::scenario::{Overrides, Scenario};
 
@@ -11,40 +12,43 @@ use crate::errors::refused;
 /// The column of a channel that is a map of links.
 const MAP_COLUMN: &str = "sensor";
 
-/// The content of the file of a channel in memory: a table of rates, or a map of links.
-#[derive(Clone, Copy, Default)]
-pub struct HeldChannel {
+/// The contents of the files of the arrivals and of the channel, a table of rates or a map of links.
+#[derive(Clone, Default)]
+pub struct Held {
+    pub arrivals: Option<ArrivalTrace>,
     pub table: Option<&'static RateTable>,
     pub map: Option<&'static LinkMap>,
 }
 
-impl HeldChannel {
-    /// That of a scenario.
+impl Held {
     pub fn of(scenario: &Scenario) -> Self {
         // The sensor nodes of a changed scenario may be at other places.
         let unplaced = |map: &LinkMap| map.clone().at_places(&[]).held();
-        Self { table: scenario.link.table, map: scenario.link.map.map(unplaced) }
+        Self { arrivals: scenario.trace.clone(), table: scenario.link.table, map: scenario.link.map.map(unplaced) }
     }
 
-    /// What stands for its files.
-    pub fn overrides(self) -> Overrides {
+    /// What stands for the files of the channel.
+    pub fn overrides(&self) -> Overrides {
         Overrides { table: self.table, map: self.map, ..Overrides::default() }
     }
 
-    /// The texts of its files.
-    pub fn texts(self) -> [Option<String>; 2] {
+    /// The texts of the files: of the arrivals, of the channel and of its rates.
+    pub fn texts(&self) -> [Option<String>; 3] {
         let (levels, rates) = self.map.map(LinkMap::to_csv).unzip();
-        [self.table.map(RateTable::to_csv).or(levels), rates.flatten()]
+        let channel = self.table.map(RateTable::to_csv).or(levels);
+        [self.arrivals.as_ref().map(ArrivalTrace::to_csv), channel, rates.flatten()]
     }
 
     /// Parses the text of a channel, and of the rates of its SNRs.
-    pub fn parse(text: &str, rates: Option<&str>) -> PyResult<Self> {
+    pub fn parse_channel(text: &str, rates: Option<&str>) -> PyResult<Self> {
         let path = Path::new("channel");
         let header = text.lines().next().unwrap_or_default();
         if !header.split(',').any(|column| column.trim() == MAP_COLUMN) {
-            return Ok(Self { table: Some(RateTable::parse(text, path).map_err(refused)?.held()), map: None });
+            let table = RateTable::parse(text, path).map_err(refused)?;
+            return Ok(Self { table: Some(table.held()), ..Self::default() });
         }
         let steps = rates.map(|rates| LinkMap::parse_steps(rates, Path::new("rates"))).transpose().map_err(refused)?;
-        Ok(Self { table: None, map: Some(LinkMap::parse(text, path, steps).map_err(refused)?.held()) })
+        let map = LinkMap::parse(text, path, steps).map_err(refused)?;
+        Ok(Self { map: Some(map.held()), ..Self::default() })
     }
 }

@@ -35,8 +35,6 @@ mod _skysink {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::batch::PyBatchCore;
-    #[pymodule_export]
     use super::belief::PyBelief;
     #[pymodule_export]
     use super::environment::PyEnvironmentCore;

@@ -19,66 +19,61 @@ fn shape<const AXES: usize>(axes: [usize; AXES]) -> Shape {
 }
 
 /// An observable quantity.
-pub struct Observable {
+struct Observable {
     /// Its key in the dictionary.
-    pub name: &'static str,
-    /// Its shape for so many sensor nodes, nearest ones, and other UAVs.
-    shape: fn(usize, usize, usize) -> Shape,
+    name: &'static str,
+    shape: ShapeOf,
     /// Its least number; the largest is 1.
-    pub low: f64,
+    low: f64,
     /// Whether it is the same for all UAVs.
     is_shared: bool,
-    /// Writes it.
     write: fn(&Episode, &mut [f32]),
 }
 
-/// Number of observable quantities.
+/// The shape of a quantity for so many sensor nodes, nearest ones, and other UAVs.
+type ShapeOf = fn(usize, usize, usize) -> Shape;
+
+/// The shape of a number for each sensor node.
+const PER_SENSOR: ShapeOf = |count, _, _| shape([count]);
+
+/// A quantity of each UAV.
+const fn own(name: &'static str, low: f64, shape: ShapeOf, write: fn(&Episode, &mut [f32])) -> Observable {
+    Observable { name, shape, low, is_shared: false, write }
+}
+
+/// A quantity that is the same for all UAVs.
+const fn shared(name: &'static str, low: f64, shape: ShapeOf, write: fn(&Episode, &mut [f32])) -> Observable {
+    Observable { is_shared: true, ..own(name, low, shape, write) }
+}
+
 const KINDS: usize = 17;
 
 /// All of them, in the order of a dictionary.
-pub static OBSERVABLES: [Observable; KINDS] = [
-    Observable { name: "uav", shape: |_, _, _| shape([3]), low: 0.0, is_shared: false, write: uav },
-    Observable { name: "queues", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: queues },
-    Observable { name: "slot", shape: |_, _, _| shape([1]), low: 0.0, is_shared: true, write: slot },
-    Observable {
-        name: "positions",
-        shape: |count, _, _| shape([count, 2]),
-        low: 0.0,
-        is_shared: true,
-        write: positions,
-    },
-    Observable { name: "belief", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: belief },
-    Observable {
-        name: "belief_spread",
-        shape: |count, _, _| shape([count]),
-        low: 0.0,
-        is_shared: true,
-        write: belief_spread,
-    },
-    Observable { name: "rates", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: rates },
-    Observable { name: "ages", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: ages },
-    Observable { name: "gains", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: gains },
-    Observable {
-        name: "nearest",
-        shape: |_, nearest, _| shape([nearest, NEAREST]),
-        low: -1.0,
-        is_shared: false,
-        write: nearest,
-    },
-    Observable { name: "reach", shape: |count, _, _| shape([count]), low: 0.0, is_shared: false, write: reach },
-    Observable { name: "energy", shape: |_, _, _| shape([1]), low: -1.0, is_shared: false, write: energy },
-    Observable { name: "home", shape: |_, _, _| shape([4]), low: -1.0, is_shared: false, write: home },
-    Observable { name: "zones", shape: |_, _, _| shape([DIRECTIONS]), low: 0.0, is_shared: false, write: zones },
-    Observable {
-        name: "returnable",
-        shape: |count, _, _| shape([count]),
-        low: 0.0,
-        is_shared: false,
-        write: returnable,
-    },
-    Observable { name: "others", shape: |_, _, others| shape([others, 2]), low: -1.0, is_shared: false, write: others },
-    Observable { name: "agent", shape: |_, _, others| shape([others + 1]), low: 0.0, is_shared: false, write: agent },
+static OBSERVABLES: [Observable; KINDS] = [
+    own("uav", 0.0, |_, _, _| shape([3]), uav),
+    shared("queues", 0.0, PER_SENSOR, queues),
+    shared("slot", 0.0, |_, _, _| shape([1]), slot),
+    shared("positions", 0.0, |count, _, _| shape([count, 2]), positions),
+    shared("belief", 0.0, PER_SENSOR, |episode, numbers| each(episode, numbers, belief)),
+    shared("belief_spread", 0.0, PER_SENSOR, |episode, numbers| each(episode, numbers, belief_spread)),
+    shared("rates", 0.0, PER_SENSOR, |episode, numbers| each(episode, numbers, rate)),
+    shared("ages", 0.0, PER_SENSOR, |episode, numbers| each(episode, numbers, age)),
+    shared("gains", 0.0, PER_SENSOR, gains),
+    own("nearest", -1.0, |_, nearest, _| shape([nearest, NEAREST]), nearest),
+    own("reach", 0.0, PER_SENSOR, |episode, numbers| each(episode, numbers, reach)),
+    own("energy", -1.0, |_, _, _| shape([1]), energy),
+    own("home", -1.0, |_, _, _| shape([4]), home),
+    own("zones", 0.0, |_, _, _| shape([DIRECTIONS]), zones),
+    own("returnable", 0.0, PER_SENSOR, |episode, numbers| each(episode, numbers, returnable)),
+    own("others", -1.0, |_, _, others| shape([others, 2]), others),
+    own("agent", 0.0, |_, _, others| shape([others + 1]), agent),
 ];
+
+/// Writes a number for each sensor node, at most 1.
+fn each(episode: &Episode, numbers: &mut [f32], of: impl Fn(&Episode, u32) -> f64) {
+    let pairs = numbers.iter_mut().zip(episode.field.sensors.ids());
+    pairs.for_each(|(number, id)| *number = of(episode, id).min(1.0) as f32);
+}
 
 /// What only agents observe.
 const OF_AGENTS: [&str; 2] = ["others", "agent"];
@@ -115,51 +110,60 @@ fn positions(episode: &Episode, numbers: &mut [f32]) {
     numbers.copy_from_slice(&episode.positions);
 }
 
-/// Means of the queues as fractions of the buffers.
-fn belief(episode: &Episode, numbers: &mut [f32]) {
-    let believed_bits = episode.plant.field().believed_bits();
-    each(episode, numbers, |id| of_buffer(episode, id, believed_bits[id as usize].into()));
+/// The mean of the queue of sensor node `id` as a fraction of its buffer.
+fn belief(episode: &Episode, id: u32) -> f64 {
+    of_buffer(episode, id, episode.plant.field().believed_bits()[id as usize].into())
 }
 
-/// Standard deviations of the queues as fractions of the buffers.
-fn belief_spread(episode: &Episode, numbers: &mut [f32]) {
-    let believed = believed(&episode.plant, &episode.field);
-    each(episode, numbers, |id| of_buffer(episode, id, believed.queue_sd_bits(id)));
+/// The standard deviation of the same.
+fn belief_spread(episode: &Episode, id: u32) -> f64 {
+    of_buffer(episode, id, believed(&episode.plant, &episode.field).queue_sd_bits(id))
 }
 
-/// Rates, true or learnt, as fractions of the highest possible one.
-fn rates(episode: &Episode, numbers: &mut [f32]) {
-    each(episode, numbers, |id| rate(episode, id));
+/// Its rate, true or learnt, as a fraction of the highest possible one.
+fn rate(episode: &Episode, id: u32) -> f64 {
+    let mean_bits = episode.plant.field().belief().mean_bits(&episode.field.sensors, id);
+    mean_bits / episode.highest_mean_bits.max(f64::MIN_POSITIVE)
 }
 
-/// Slots since the last contacts, as fractions of the mission.
-fn ages(episode: &Episode, numbers: &mut [f32]) {
-    each(episode, numbers, |id| age(episode, id));
+/// Slots since the last contact, as a fraction of the mission.
+fn age(episode: &Episode, id: u32) -> f64 {
+    let slot = episode.plant.slot();
+    episode.contacts.age_slots(slot, id) as f64 / episode.field.limits.slots as f64
+}
+
+/// 1 for a sensor node within the reach of one slot, else 0.
+fn reach(episode: &Episode, id: u32) -> f64 {
+    f64::from(u8::from(episode.reaches(id)))
+}
+
+/// 1 for a sensor node that the UAV can still serve and come home from, else 0.
+fn returnable(episode: &Episode, id: u32) -> f64 {
+    f64::from(u8::from(episode.returns_from(id)))
+}
+
+/// Bits as a fraction of the buffer of sensor node `id`.
+fn of_buffer(episode: &Episode, id: u32, bits: f64) -> f64 {
+    bits / f64::from(episode.field.sensors.sampler(id).capacity_bits).max(1.0)
 }
 
 /// Reference gains as fractions of the largest.
 fn gains(episode: &Episode, numbers: &mut [f32]) {
     let gains = &episode.field.sensors.gains;
     let largest = gains.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    each(episode, numbers, |id| gains[id as usize] / largest);
+    numbers.iter_mut().zip(gains).for_each(|(number, gain)| *number = (gain / largest).min(1.0) as f32);
 }
 
 /// The nearest sensor nodes, nearest first: x and y from the UAV as fractions of the area, queue, rate, age.
 fn nearest(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
     let uav = episode.flight().position().xy();
-    let believed_bits = episode.plant.field().believed_bits();
     for (&id, numbers) in episode.nearest(numbers.len() / NEAREST).iter().zip(numbers.chunks_mut(NEAREST)) {
         let offset = episode.field.sensors.position(id) - uav;
-        let queue = of_buffer(episode, id, believed_bits[id as usize].into());
-        let row = [offset.x / limits.width_m, offset.y / limits.height_m, queue, rate(episode, id), age(episode, id)];
+        let place = [offset.x / limits.width_m, offset.y / limits.height_m];
+        let row = place.into_iter().chain([belief(episode, id), rate(episode, id), age(episode, id)]);
         numbers.iter_mut().zip(row).for_each(|(number, value)| *number = value.clamp(-1.0, 1.0) as f32);
     }
-}
-
-/// 1 for the sensor nodes within the reach of one slot, else 0.
-fn reach(episode: &Episode, numbers: &mut [f32]) {
-    each(episode, numbers, |id| f64::from(u8::from(episode.reaches(id))));
 }
 
 /// The energy as a fraction of the capacity; 1 without a battery.
@@ -214,11 +218,6 @@ fn zones(episode: &Episode, numbers: &mut [f32]) {
     }
 }
 
-/// 1 for the sensor nodes that the UAV can still serve and come home from, else 0.
-fn returnable(episode: &Episode, numbers: &mut [f32]) {
-    each(episode, numbers, |id| f64::from(u8::from(episode.returns_from(id))));
-}
-
 /// The other UAVs in the order of their numbers: x and y from the UAV as fractions of the area.
 fn others(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
@@ -235,27 +234,6 @@ fn others(episode: &Episode, numbers: &mut [f32]) {
 fn agent(episode: &Episode, numbers: &mut [f32]) {
     numbers.fill(0.0);
     numbers[episode.uav] = 1.0;
-}
-
-/// Writes a number for each sensor node, at most 1.
-fn each(episode: &Episode, numbers: &mut [f32], of: impl Fn(u32) -> f64) {
-    let pairs = numbers.iter_mut().zip(episode.field.sensors.ids());
-    pairs.for_each(|(number, id)| *number = of(id).min(1.0) as f32);
-}
-
-/// Bits as a fraction of the buffer of sensor node `id`.
-fn of_buffer(episode: &Episode, id: u32, bits: f64) -> f64 {
-    bits / f64::from(episode.field.sensors.sampler(id).capacity_bits).max(1.0)
-}
-
-fn rate(episode: &Episode, id: u32) -> f64 {
-    let mean_bits = episode.plant.field().belief().mean_bits(&episode.field.sensors, id);
-    mean_bits / episode.highest_mean_bits.max(f64::MIN_POSITIVE)
-}
-
-fn age(episode: &Episode, id: u32) -> f64 {
-    let slot = episode.plant.slot();
-    episode.contacts.age_slots(slot, id) as f64 / episode.field.limits.slots as f64
 }
 
 impl Observed {
@@ -315,14 +293,10 @@ impl Observations {
         (rows, kinds)
     }
 
-    /// As a dictionary of arrays. `count` is their first dimension in a vector; those of a single environment have
-    /// none.
-    pub fn into_dict<'py>(
-        self,
-        py: Python<'py>,
-        episode: &Episode,
-        count: Option<usize>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    /// As a dictionary of arrays. Their first dimension in a vector is the number of episodes, all of the shapes of
+    /// `episode`; those of a single environment have none.
+    pub fn into_dict<'py>(self, py: Python<'py>, episode: &Episode) -> PyResult<Bound<'py, PyDict>> {
+        let count = (episode.rules().kind != Kind::One).then_some(self.episodes);
         let observation = PyDict::new(py);
         for ((key, numbers), shape) in episode.observed().keys.iter().zip(self.arrays).zip(episode.shapes()) {
             let array = match numbers.len() {
@@ -341,7 +315,6 @@ impl Observations {
 }
 
 impl Episode {
-    /// What it observes.
     pub fn observed(&self) -> &Observed {
         &self.rules().observed
     }
@@ -359,7 +332,6 @@ impl Episode {
         boxes.map(|(kind, shape)| (kind.name, shape.to_vec(), kind.low)).collect()
     }
 
-    /// How many numbers it observes.
     pub fn width(&self) -> usize {
         self.shapes().map(|shape| shape.iter().product::<usize>()).sum()
     }
@@ -388,6 +360,21 @@ impl Episode {
         self.observed().observables().zip(rows).for_each(|(kind, row)| (kind.write)(self, row));
     }
 
+    /// The state of the mission: x and y of all UAVs, the queues and the slot, as fractions.
+    pub fn state(&mut self) -> Vec<f32> {
+        let uavs = self.plant.flights().len();
+        let sensors = self.field.count();
+        let mut numbers = vec![0.0; 2 * uavs + sensors + 1];
+        let (positions, others) = numbers.split_at_mut(2 * uavs);
+        for (number, position) in positions.chunks_mut(2).enumerate() {
+            self.uav = number;
+            uav(self, position);
+        }
+        queues(self, &mut others[..sensors]);
+        slot(self, &mut others[sensors..]);
+        numbers
+    }
+
     /// The ids of the `count` sensor nodes nearest to the UAV, nearest first.
     pub fn nearest(&self, count: usize) -> Vec<u32> {
         self.field.sensors.grid.nearest(&self.flight().position().xy(), count)
@@ -400,8 +387,8 @@ impl Episode {
         let flight = self.flight();
         let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
         let Some(route) = field.route_into(&from, sensor, field.limits.comm_radius_m) else { return false };
-        let after = self.plant.slot() + route.slots;
-        let energy_j = flight.energy_j - route.energy_j;
+        let after = self.plant.slot() + u64::from(route.slots()).max(1);
+        let energy_j = flight.energy_j - route.energy_j();
         field.home.as_ref().is_none_or(|home| home.is_in_reach(after, energy_j, &route.end()))
     }
 

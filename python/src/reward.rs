@@ -1,38 +1,24 @@
 //! The rewards of an environment.
 
 use skysink_common::geometry::within;
+use skysink_common::ledger::Totals;
 use skysink_common::message::{Mode, Plan};
 use skysink_common::slot_record::Plans;
 
 use crate::episode::{Episode, Outcome};
 use crate::rules::Reward;
 
-/// Bits since the mission's start.
-#[derive(Clone, Copy)]
-pub struct Bits {
-    sampled: u64,
-    lost: u64,
-    /// Sampled and lost bits times the weights of their sensor nodes, if the reward is weighted.
-    weighted: [f64; 2],
-}
-
 impl Reward {
-    /// Bits up to the last slot of `episode`.
-    pub fn bits(self, episode: &Episode) -> Bits {
-        let totals = episode.plant.header().totals;
-        let weighted = if self == Self::Weighted { weighted_bits(episode) } else { [0.0; 2] };
-        Bits { sampled: totals.sampled_bits, lost: totals.lost_bits, weighted }
-    }
-
-    /// The reward of the last slot of `episode`, before which the bits were `before`.
-    pub fn of(self, episode: &Episode, before: Bits) -> f64 {
-        let after = self.bits(episode);
+    /// The reward of the last slot of `episode`, before which these were the totals, and the weighted bits.
+    pub fn of(self, episode: &Episode, before: &Totals, weighted: [f64; 2]) -> f64 {
+        let after = episode.plant.header().totals;
+        let lost_bits = (after.lost_bits - before.lost_bits) as f64;
         let slots = episode.field.limits.slots as f64;
         match self {
-            Self::Lost => fraction((after.lost - before.lost) as f64, (after.sampled - before.sampled) as f64),
+            Self::Lost => fraction(lost_bits, (after.sampled_bits - before.sampled_bits) as f64),
             Self::Weighted => {
-                let [sampled, lost] = [0, 1].map(|of| after.weighted[of] - before.weighted[of]);
-                fraction(lost, sampled)
+                let [sampled, lost] = Self::weighted_bits(episode);
+                fraction(lost - weighted[1], sampled - weighted[0])
             }
             Self::Age => {
                 let ages_slots: u64 = episode.contacts.ages_slots(episode.plant.slot()).sum();
@@ -41,28 +27,26 @@ impl Reward {
             // What the loss rate divides by is known in the last slot: with its reward, the mean is minus the loss
             // rate.
             Self::LossFraction if episode.plant.is_over() => {
-                let loss = fraction(after.lost as f64, counted_bits(episode));
-                slots * (loss - fraction(before.lost as f64, episode.expected_bits))
+                // On average (decision D3), or as sampled, if arrivals are at random (decision D24).
+                let sampled_bits =
+                    if episode.has_random_arrivals { after.sampled_bits as f64 } else { episode.expected_bits };
+                let loss = fraction(after.lost_bits as f64, sampled_bits);
+                slots * (loss - fraction(before.lost_bits as f64, episode.expected_bits))
             }
-            Self::LossFraction => slots * fraction((after.lost - before.lost) as f64, episode.expected_bits),
+            Self::LossFraction => slots * fraction(lost_bits, episode.expected_bits),
             Self::Difference => 0.0, // each agent has its own
         }
     }
-}
 
-/// What the loss rate of the mission of `episode` divides by [bit]: the bits sampled on average (decision D3), or those
-/// sampled, if arrivals are at random (decision D24).
-fn counted_bits(episode: &Episode) -> f64 {
-    if episode.has_random_arrivals { episode.plant.header().totals.sampled_bits as f64 } else { episode.expected_bits }
-}
-
-/// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes.
-fn weighted_bits(episode: &Episode) -> [f64; 2] {
-    let field = episode.plant.field();
-    let weights = &episode.weights;
-    let sampled = weights.iter().enumerate().map(|(id, weight)| weight * field.sampled_bits(id) as f64).sum();
-    let lost = weights.iter().zip(field.lost_bits()).map(|(weight, lost)| weight * lost as f64).sum();
-    [sampled, lost]
+    /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes, if the reward is
+    /// weighted.
+    pub fn weighted_bits(episode: &Episode) -> [f64; 2] {
+        let field = episode.plant.field();
+        let weights = &episode.weights;
+        let sampled = weights.iter().enumerate().map(|(id, weight)| weight * field.sampled_bits(id) as f64).sum();
+        let lost = weights.iter().zip(field.lost_bits()).map(|(weight, lost)| weight * lost as f64).sum();
+        [sampled, lost]
+    }
 }
 
 /// Minus `lost` as a fraction of `sampled`; 0 if nothing was sampled.

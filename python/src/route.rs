@@ -1,25 +1,26 @@
 //! `skysink.Route`: how the UAV gets somewhere.
 
 use pyo3::prelude::*;
-use skysink_common::geometry::Position;
+use skysink_planner::route::route::Route;
 
 /// A route at full speed, straight or around zones, and on a grid along its lines.
 #[pyclass(name = "Route", module = "skysink", frozen, get_all)]
 pub struct PyRoute {
     /// Its length [m].
-    pub length_m: f64,
+    length_m: f64,
     /// Its slots, at least 1.
-    pub slots: u64,
+    slots: u64,
     /// The energy that it takes [J]; 0 without a battery.
-    pub energy_j: f64,
+    energy_j: f64,
     /// Where it ends [m].
-    pub end_m: (f64, f64),
+    end_m: (f64, f64),
 }
 
 impl PyRoute {
-    /// Where it ends.
-    pub fn end(&self) -> Position {
-        Position::new(self.end_m.0, self.end_m.1)
+    pub fn of(route: &Route) -> Self {
+        let end_m = (route.end().x, route.end().y);
+        let slots = u64::from(route.slots()).max(1);
+        Self { length_m: route.length_m(), slots, energy_j: route.energy_j(), end_m }
     }
 }
 

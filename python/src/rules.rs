@@ -12,8 +12,6 @@ pub struct Rules {
     pub observed: Observed,
     pub control: Control,
     pub reward: Reward,
-    /// Whether contacts are kept. Where nobody asks for them, they would take memory and time.
-    pub keeps_contacts: bool,
     /// Turns the scenario of an episode into the one that is flown; `None` if they are the same.
     pub prepare: Option<Py<PyAny>>,
     /// Whether actions are led around zones and home as the decisions of strategies are.
@@ -34,29 +32,10 @@ pub enum Kind {
 }
 
 impl Rules {
-    /// Those of these arguments of an environment.
-    #[expect(clippy::too_many_arguments, reason = "those of the environment")]
-    pub fn of(
-        py: Python<'_>,
-        kind: Kind,
-        fields: Option<u64>,
-        observation: &[String],
-        nearest: Option<usize>,
-        action: &str,
-        reward: &str,
-        prepare: Option<Py<PyAny>>,
-        has_return_rule: bool,
-    ) -> PyResult<Self> {
-        if fields == Some(0) {
-            return Err(refused("fields = 0: expected 1 or more, or None"));
-        }
-        let observed = Observed::of(py, kind, observation, nearest)?;
-        let control = Control::named(action)?;
-        let reward = Reward::named(reward, kind)?;
-        let is_of_contacts = |name: &&str| observed.has(name);
-        let keeps_contacts =
-            kind == Kind::One || reward == Reward::Age || ["ages", "nearest"].iter().any(is_of_contacts);
-        Ok(Self { fields, observed, control, reward, keeps_contacts, prepare, has_return_rule, kind })
+    /// Whether contacts are kept. Where nobody asks for them, they would take memory and time.
+    pub fn keeps_contacts(&self) -> bool {
+        let observes = |name: &&str| self.observed.has(name);
+        self.kind == Kind::One || self.reward == Reward::Age || ["ages", "nearest"].iter().any(observes)
     }
 }
 
@@ -82,7 +61,6 @@ pub enum Control {
 }
 
 impl Control {
-    /// That of this name.
     pub fn named(name: &str) -> PyResult<Self> {
         match name {
             "displacement" => Ok(Self::Displacement),
@@ -109,8 +87,7 @@ pub enum Reward {
 }
 
 impl Reward {
-    /// That of this name.
-    fn named(name: &str, kind: Kind) -> PyResult<Self> {
+    pub fn named(name: &str, kind: Kind) -> PyResult<Self> {
         match name {
             "lost" => Ok(Self::Lost),
             "weighted" => Ok(Self::Weighted),

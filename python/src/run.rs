@@ -7,7 +7,6 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use skysink_common::belief::Belief;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
@@ -19,7 +18,7 @@ use skysink_mission::folder::Earlier;
 use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
 use skysink_mission::sensor_results::{SensorResult, SensorTally};
-use skysink_mission::summary::{OperatorUse, Summary};
+use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use skysink_mission::{MissionError, Plant, Replay, drive};
 use skysink_planner::strategies::PYTHON;
@@ -57,14 +56,6 @@ impl RunRecorder {
         let metrics = Metric::all().map(|metric| (metric, values[metric as usize]));
         let metrics = metrics.filter(|(_, value)| !value.is_nan()).collect();
         PyRun { scenario, list, mode, slots: self.slots, summary, metrics }
-    }
-}
-
-impl PyRun {
-    /// The run with what became of the changes that its searches proposed.
-    pub fn with_search(mut self, search: Vec<OperatorUse>) -> Self {
-        self.summary.search = search;
-        self
     }
 }
 
@@ -114,7 +105,7 @@ pub struct PyRun {
     /// Who planned and flew.
     mode: RunMode,
     slots: Vec<ByUav<RecordedSlot>>,
-    summary: Summary,
+    pub summary: Summary,
     metrics: Vec<(Metric, f64)>,
 }
 
@@ -122,10 +113,7 @@ impl PyRun {
     /// Simulates the mission with its plans, and returns the plant after it.
     fn fly_again(&self, observer: &mut dyn Observer) -> Result<Plant, MissionError> {
         let plans = |slots: &ByUav<RecordedSlot>| slots.iter().map(|slot| self.mode.plan_of(slot)).collect();
-        let mut pilot = Planned(self.slots.iter().map(plans));
-        let mut plant = plant_of(&self.scenario.scenario, &self.list, &self.mode);
-        drive(&mut plant, &mut pilot, &mut [observer], &Stop::default())?;
-        Ok(plant)
+        fly(&self.scenario.scenario, &self.list, &self.mode, self.slots.iter().map(plans), observer)
     }
 
     /// The mission flown by these plans, without planning times.
@@ -135,9 +123,8 @@ impl PyRun {
         plans: impl Iterator<Item = Plans>,
         mode: RunMode,
     ) -> Result<Self, MissionError> {
-        let mut plant = plant_of(&scenario.scenario, &list, &mode);
         let mut recorder = RunRecorder::new(&scenario.scenario, &list);
-        drive(&mut plant, &mut Planned(plans), &mut [&mut recorder], &Stop::default())?;
+        let plant = fly(&scenario.scenario, &list, &mode, plans, &mut recorder)?;
         Ok(recorder.end(scenario, list, &plant, mode).untimed())
     }
 
@@ -159,9 +146,17 @@ impl PyRun {
     }
 }
 
-/// The plant of a mission flown like `mode`.
-fn plant_of(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Plant {
-    Plant::new(scenario, list).repeating_reports(mode.has_reported_flights())
+/// Simulates a mission with these plans, flown like `mode`, and returns the plant after it.
+fn fly(
+    scenario: &Scenario,
+    list: &SensorList,
+    mode: &RunMode,
+    plans: impl Iterator<Item = Plans>,
+    observer: &mut dyn Observer,
+) -> Result<Plant, MissionError> {
+    let mut plant = Plant::new(scenario, list).repeating_reports(mode.has_reported_flights());
+    drive(&mut plant, &mut Planned(plans), &mut [observer], &Stop::default())?;
+    Ok(plant)
 }
 
 #[pymethods]
@@ -224,7 +219,7 @@ impl PyRun {
     /// The sensor nodes, with their true sampling rates, and the limits of plans.
     #[getter]
     fn field(&self) -> PyResult<PyField> {
-        PyField::of(&self.scenario.scenario, &self.list, &Belief::Known)
+        PyField::of(&self.scenario.scenario, self.list.nodes())
     }
 
     /// One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.

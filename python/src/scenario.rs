@@ -4,14 +4,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, UInt32Array};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4};
+use numpy::{PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use skysink_common::arrivals::{Arrival, ArrivalTrace, mean_bits};
-use skysink_common::belief::Belief;
 use skysink_common::channel::{LinkMap, RateTable};
 use skysink_common::error::read_text;
-use skysink_common::node_energy::NodeBattery;
 use skysink_common::scenario::{CHANNEL, LETTER, Overrides, RATES, Scenario, Setting, SettingOrigin, TRACE};
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_planner::settings;
@@ -19,9 +17,9 @@ use toml::{Table, Value};
 
 use crate::errors::refused;
 use crate::field::PyField;
-use crate::held::HeldChannel;
+use crate::held::Held;
 use crate::table::PyTable;
-use crate::values::{Reduced, json, to_toml};
+use crate::values::{MAX_DEPTH, Reduced, json, to_toml};
 
 /// The arguments of `Scenario.parse`: a text, its path, and the texts of the arrivals, of the channel and of its rates.
 type Parsed = (String, PathBuf, Option<String>, Option<String>, Option<String>);
@@ -40,16 +38,11 @@ pub struct PyScenario {
 }
 
 impl PyScenario {
-    fn new(text: String, path: &Path, keys: Vec<Setting>, channel: HeldChannel) -> PyResult<Self> {
-        let overrides = Overrides { keys, ..channel.overrides() };
-        let scenario = Scenario::parse(&text, path, overrides).and_then(settings::resolve).map_err(refused)?;
+    fn new(text: String, path: &Path, keys: Vec<Setting>, held: Held) -> PyResult<Self> {
+        let overrides = Overrides { keys, ..held.overrides() };
+        let mut scenario = Scenario::parse(&text, path, overrides).and_then(settings::resolve).map_err(refused)?;
+        scenario.trace = held.arrivals.filter(|_| scenario.sensors.has_trace());
         Ok(Self { text, scenario })
-    }
-
-    /// The same with arrivals in memory, if it has those of a trace.
-    fn holding(mut self, trace: Option<ArrivalTrace>) -> Self {
-        self.scenario.trace = trace.filter(|_| self.scenario.sensors.has_trace());
-        self
     }
 
     /// A copy with changed keys. A key replaces earlier spellings of the same quantity.
@@ -58,21 +51,16 @@ impl PyScenario {
         // A file that is named anew is read.
         let is_named = |file: &str| changes.iter().any(|(key, _)| key == file);
         let is_other = is_named("link.file") || is_named("link.rates");
-        let channel = if is_other { HeldChannel::default() } else { HeldChannel::of(&self.scenario) };
-        let trace = self.scenario.trace.clone().filter(|_| !is_named("sensors.arrivals.file"));
-        self.changed(changes, channel, trace)
+        let held = if is_other { Held::default() } else { Held::of(&self.scenario) };
+        let arrivals = self.scenario.trace.clone().filter(|_| !is_named("sensors.arrivals.file"));
+        self.changed(changes, Held { arrivals, ..held })
     }
 
     /// A copy with changed keys, with what it holds of files.
-    fn changed(
-        &self,
-        changes: impl IntoIterator<Item = (String, Value)>,
-        channel: HeldChannel,
-        trace: Option<ArrivalTrace>,
-    ) -> PyResult<Self> {
+    fn changed(&self, changes: impl IntoIterator<Item = (String, Value)>, held: Held) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
-        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), channel)?.holding(trace);
+        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), held)?;
         let mut table: Table = self.text.parse().expect("it has been parsed before");
         Scenario::apply(&settings, &mut table).map_err(refused)?;
         Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
@@ -85,8 +73,13 @@ impl PyScenario {
 
     /// A scenario from a run folder.
     pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
-        Ok(Self::new(scenario.to_toml(), &scenario.path, Vec::new(), HeldChannel::of(scenario))?
-            .holding(scenario.trace.clone()))
+        Self::new(scenario.to_toml(), &scenario.path, Vec::new(), Held::of(scenario))
+    }
+
+    /// The scenario that `prepare`, a function in Python, returns for `scenario`.
+    pub fn prepared(py: Python<'_>, prepare: &Py<PyAny>, scenario: &Scenario) -> PyResult<Scenario> {
+        let prepared = prepare.call1(py, (Self::on_record(scenario)?,))?;
+        Ok(prepared.bind(py).cast::<Self>()?.get().scenario.clone())
     }
 
     /// The sampling rates of its sensor nodes [bit/s], without reading their arrivals.
@@ -95,7 +88,6 @@ impl PyScenario {
         Ok(list.sensors().iter().map(|sensor| sensor.sampling_bps).collect())
     }
 
-    /// Its sensor nodes.
     pub fn list(&self) -> PyResult<SensorList> {
         SensorList::of(&self.scenario).map_err(refused)
     }
@@ -112,13 +104,13 @@ impl PyScenario {
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let text = read_text("scenario", &path).map_err(refused)?;
-        Self::new(text, &std::path::absolute(&path)?, Vec::new(), HeldChannel::default())
+        Self::new(text, &std::path::absolute(&path)?, Vec::new(), Held::default())
     }
 
     /// The built-in mission of the UTS letter (arXiv 2103.00753).
     #[staticmethod]
     fn letter() -> PyResult<Self> {
-        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), HeldChannel::default())
+        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), Held::default())
     }
 
     /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and ``rates``
@@ -133,11 +125,13 @@ impl PyScenario {
         channel: Option<&str>,
         rates: Option<&str>,
     ) -> PyResult<Self> {
-        let channel = channel.map(|text| HeldChannel::parse(text, rates)).transpose()?.unwrap_or_default();
-        let parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new(), channel)?;
-        let Some(arrivals) = arrivals else { return Ok(parsed) };
-        let trace = ArrivalTrace::parse(arrivals, Path::new("arrivals"), &parsed.sampling_bps()?).map_err(refused)?;
-        Ok(parsed.holding(Some(trace)))
+        let held = channel.map(|text| Held::parse_channel(text, rates)).transpose()?.unwrap_or_default();
+        let mut parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new(), held)?;
+        if let Some(arrivals) = arrivals {
+            let trace = ArrivalTrace::parse(arrivals, Path::new("arrivals"), &parsed.sampling_bps()?);
+            parsed.scenario.trace = Some(trace.map_err(refused)?).filter(|_| parsed.scenario.sensors.has_trace());
+        }
+        Ok(parsed)
     }
 
     /// A copy with a channel of these rates [bit/s], by distance, altitude and probability (``docs/src/model.md``).
@@ -153,7 +147,7 @@ impl PyScenario {
         let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps);
         let table = table.map_err(|message| refused(format!("channel: {message}")))?.held();
         let keys = [("link.model".to_owned(), "table".into()), ("link.file".to_owned(), CHANNEL.into())];
-        self.changed(keys, HeldChannel { table: Some(table), map: None }, self.scenario.trace.clone())
+        self.changed(keys, Held { arrivals: self.scenario.trace.clone(), table: Some(table), map: None })
     }
 
     /// A copy with links by place (``docs/src/decisions.md``, D32): ``levels`` [N, z, y, x], for each SN, or with N = 1
@@ -176,18 +170,13 @@ impl PyScenario {
         let levels = levels.as_array();
         let values: Vec<f64> = levels.iter().copied().collect();
         let map = LinkMap::of_arrays([x_m, y_m, z_m], levels.shape(), &values, rates).map_err(of_links)?;
-        self.changed(keys, HeldChannel { table: None, map: Some(map.held()) }, self.scenario.trace.clone())
+        self.changed(keys, Held { arrivals: self.scenario.trace.clone(), table: None, map: Some(map.held()) })
     }
 
     /// Mean bits that the SNs sample in a slot, [N], as a copy.
     fn mean_bits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let slot_s = self.scenario.slot_s;
-        Ok(self
-            .sampling_bps()?
-            .into_iter()
-            .map(|rate_bps| mean_bits(rate_bps, slot_s))
-            .collect::<Vec<_>>()
-            .into_pyarray(py))
+        let of_rate = |rate_bps| mean_bits(rate_bps, self.scenario.slot_s);
+        Ok(PyArray1::from_iter(py, self.sampling_bps()?.into_iter().map(of_rate)))
     }
 
     /// A copy whose SNs sample ``bits`` [T, N], by slot and SN. The planner is told ``sensors.sampling_bps``, and
@@ -209,14 +198,14 @@ impl PyScenario {
         let key = |name: &str, value: Value| (format!("sensors.arrivals.{name}"), value);
         let keys =
             [key("model", "trace".into()), key("file", TRACE.into()), key("dispersion_bits", dispersion_bits.into())];
-        self.changed(keys, HeldChannel::of(&self.scenario), Some(trace))
+        self.changed(keys, Held { arrivals: Some(trace), ..Held::of(&self.scenario) })
     }
 
     /// A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
     fn replace(&self, changes: &Bound<'_, PyAny>) -> PyResult<Self> {
         let pair = |pair: PyResult<Bound<'_, PyAny>>| {
             let (key, value): (String, Bound<'_, PyAny>) = pair?.extract()?;
-            Ok((key, to_toml(&value)?))
+            Ok((key, to_toml(&value, MAX_DEPTH)?))
         };
         self.with(changes.call_method0("items")?.try_iter()?.map(pair).collect::<PyResult<Vec<_>>>()?)
     }
@@ -274,45 +263,39 @@ impl PyScenario {
     /// ``capacity_bits`` and ``weight``; with ``[sensors.energy]`` also ``capacity_j`` and ``harvest_w``.
     fn sensors(&self) -> PyResult<PyTable> {
         let list = self.list()?;
-        let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {
-            Arc::new(list.sensors().iter().map(of).collect::<Vec<f64>>().into_iter().collect::<Float64Array>())
+        let numbers = |of: fn(&Sensor) -> Option<f64>| -> ArrayRef {
+            Arc::new(Float64Array::from_iter_values(list.sensors().iter().filter_map(of)))
         };
-        let queues: ArrayRef = Arc::new(UInt32Array::from(list.queues_bits()));
-        let mut columns = vec![
-            ("x_m", numbers(|sensor| sensor.position.x)),
-            ("y_m", numbers(|sensor| sensor.position.y)),
-            ("queue_bits", queues),
-            ("gain_db", numbers(|sensor| sensor.gain_db)),
-            ("sampling_bps", numbers(|sensor| sensor.sampling_bps)),
+        let mut columns: Vec<(&str, ArrayRef)> = vec![
+            ("x_m", numbers(|sensor| Some(sensor.position.x))),
+            ("y_m", numbers(|sensor| Some(sensor.position.y))),
+            ("queue_bits", Arc::new(UInt32Array::from(list.queues_bits()))),
+            ("gain_db", numbers(|sensor| Some(sensor.gain_db))),
+            ("sampling_bps", numbers(|sensor| Some(sensor.sampling_bps))),
             ("capacity_bits", Arc::new(UInt32Array::from_iter_values(list.sensors().iter().map(|s| s.capacity_bits)))),
-            ("weight", numbers(|sensor| sensor.weight)),
+            ("weight", numbers(|sensor| Some(sensor.weight))),
         ];
         if self.scenario.sensors.energy.is_some() {
-            let of_battery = |of: fn(&NodeBattery) -> f64| -> ArrayRef {
-                let batteries = list.sensors().iter().filter_map(|sensor| sensor.battery.as_ref());
-                Arc::new(Float64Array::from_iter_values(batteries.map(of)))
-            };
-            columns.push(("capacity_j", of_battery(|battery| battery.capacity_j)));
-            columns.push(("harvest_w", of_battery(|battery| battery.harvest_w)));
+            columns.push(("capacity_j", numbers(|sensor| Some(sensor.battery.as_ref()?.capacity_j))));
+            columns.push(("harvest_w", numbers(|sensor| Some(sensor.battery.as_ref()?.harvest_w))));
         }
         PyTable::new(columns)
     }
 
     /// The sensor nodes, with their true sampling rates, and the limits of plans.
     fn field(&self) -> PyResult<PyField> {
-        PyField::of(&self.scenario, &self.list()?, &Belief::Known)
+        PyField::of(&self.scenario, self.list()?.nodes())
     }
 
     /// The field with these sensor nodes, in the layout of their messages.
     fn _field(&self, nodes: &[u8]) -> PyResult<PyField> {
-        PyField::of_nodes(&self.scenario, bytemuck::pod_collect_to_vec(nodes))
+        PyField::of(&self.scenario, bytemuck::pod_collect_to_vec(nodes))
     }
 
     /// For pickle and copy: the text and the path.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, Parsed>> {
         let PyScenario { text, scenario } = slf.get();
-        let arrivals = scenario.trace.as_ref().map(ArrivalTrace::to_csv);
-        let [channel, rates] = HeldChannel::of(scenario).texts();
+        let [arrivals, channel, rates] = Held::of(scenario).texts();
         let arguments = (text.clone(), scenario.path.clone(), arrivals, channel, rates);
         Ok((slf.get_type().getattr("parse")?, arguments))
     }

@@ -20,9 +20,6 @@ pub const INTERRUPT: usize = 2;
 
 /// Runs `work` on a separate thread, without the interpreter lock. If a signal handler in Python raises an exception,
 /// `work` is stopped and the exception is raised.
-///
-/// # Errors
-/// The exception of a signal's handler.
 pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&Stop) -> T + Send) -> PyResult<T> {
     let stop = Stop::default();
     let mut interrupt = None;
@@ -62,9 +59,6 @@ static IS_FREE: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
 impl StopOnSignals {
     /// Installs the handlers.
-    ///
-    /// # Errors
-    /// Those of the system.
     pub fn new(py: Python<'_>) -> PyResult<Self> {
         static DEFAULT: Once = Once::new();
         let signal = py.import("signal")?;

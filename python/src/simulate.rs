@@ -59,7 +59,6 @@ pub fn simulate(
     Ok(recorder.end(scenario, list, &plant, python_mode(label.unwrap_or(class), sources)))
 }
 
-/// Checks the label of a mission.
 pub fn checked_label(text: &str) -> PyResult<String> {
     let is_taken = Registered::find(text).is_some();
     match parse_label(text) {
@@ -73,8 +72,9 @@ fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<Py
     let mut mission = Mission::until(&scenario.scenario, &list, stop)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     mission.drive(&mut [&mut recorder], stop)?.unless_stopped()?;
-    let search = mission.planner.counts().into_iter().map(OperatorUse::from).collect();
-    Ok(recorder.end(scenario, list, mission.plant(), RunMode::default()).with_search(search))
+    let mut run = recorder.end(scenario, list, mission.plant(), RunMode::default());
+    run.summary.search = mission.planner.counts().into_iter().map(OperatorUse::from).collect();
+    Ok(run)
 }
 
 /// Drives a mission with Python strategies, in this thread, and returns the plant after it.
@@ -86,7 +86,7 @@ pub fn drive_python(
     observer: &mut (dyn Observer + Send),
 ) -> PyResult<Plant> {
     let raised = strategies.raised.clone();
-    let stop = raised.stop();
+    let stop = &raised.stop;
     let driven = nested(|| {
         Ok(py.detach(|| {
             let mut mission = Mission::by(scenario, list, &mut |setup| strategies.next(setup), stop)?;

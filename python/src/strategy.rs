@@ -101,7 +101,7 @@ impl PyDecision {
 pub struct Raised {
     error: Arc<Mutex<Option<PyErr>>>,
     /// Ends the mission.
-    stop: Stop,
+    pub stop: Stop,
 }
 
 impl Raised {
@@ -126,16 +126,8 @@ impl Raised {
     }
 
     /// Raises the exception, if there is one.
-    ///
-    /// # Errors
-    /// That exception.
     pub fn check(&self) -> PyResult<()> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), Err)
-    }
-
-    /// What ends the mission.
-    pub fn stop(&self) -> &Stop {
-        &self.stop
     }
 }
 
@@ -161,10 +153,8 @@ impl PyStrategies {
         let base = py.import("skysink.strategy")?.getattr("Strategy")?;
         let make = |_: usize| if maker.is_instance(&base)? { Ok(maker.clone()) } else { maker.call0() };
         let objects = (0..uavs).map(make).collect::<PyResult<Vec<_>>>()?;
-        if let Some(other) =
-            objects.iter().map(|object| object.is_instance(&base)).position(|is| !matches!(is, Ok(true)))
-        {
-            return Err(refused(format!("strategy {}: expected a skysink.Strategy", objects[other])));
+        if let Some(other) = objects.iter().find(|object| !object.is_instance(&base).is_ok_and(|is| is)) {
+            return Err(refused(format!("strategy {other}: expected a skysink.Strategy")));
         }
         let is_again =
             |(index, object): (usize, &Bound<'_, PyAny>)| objects[..index].iter().any(|other| other.is(object));
@@ -211,7 +201,7 @@ impl PyStrategy {
         let field = FieldData::of_setup(setup);
         let sampling_bps = field.sampling_bps(py)?.unbind();
         let contacts = Contacts::none(field.count());
-        let field = Py::new(py, PyField::new(Arc::new(field)))?;
+        let field = Py::new(py, PyField::new(field))?;
         object.call_method1(py, "begin", (&field,))?;
         let base = py.import("skysink.strategy")?.getattr("Strategy")?;
         let observes = !object.bind(py).get_type().getattr("observe")?.is(&base.getattr("observe")?);
@@ -223,7 +213,9 @@ impl PyStrategy {
     fn decide(&mut self, py: Python<'_>, view: &View<'_>) -> PyResult<Option<Decision>> {
         let seen = PyView::of(py, view, &self.field, &self.sampling_bps, &self.contacts)?;
         let decided = self.object.call_method1(py, intern!(py, "plan"), (seen,))?;
-        let decision: Option<PyRef<'_, PyDecision>> = decided.extract(py).map_err(|_| wrong(&decided))?;
+        let decision: Option<PyRef<'_, PyDecision>> = decided.extract(py).map_err(|_| {
+            refused(format!("plan() returned {decided}: expected a skysink.Decision, or None for the transit rule"))
+        })?;
         decision.map(|decision| decision.decide(view, &mut self.serving)).transpose()
     }
 
@@ -241,18 +233,15 @@ impl PyStrategy {
     fn state(&self) -> PyResult<Vec<u8>> {
         Python::attach(|py| {
             let state = self.object.bind(py).call_method0(intern!(py, "save"))?;
+            let returned = "save() of the strategy returned";
             let Ok(bytes) = state.cast::<PyBytes>() else {
-                let class = state.get_type().name()?;
-                return Err(refused(format!("save() of the strategy returned {class}: expected bytes")));
+                return Err(refused(format!("{returned} {}: expected bytes", state.get_type().name()?)));
             };
-            if bytes.as_bytes().len() > ROOM / 2 {
-                let count = bytes.as_bytes().len();
-                return Err(refused(format!(
-                    "save() of the strategy returned {count} bytes: expected at most {}",
-                    ROOM / 2
-                )));
+            let bytes = bytes.as_bytes();
+            if bytes.len() > ROOM / 2 {
+                return Err(refused(format!("{returned} {} bytes: expected at most {}", bytes.len(), ROOM / 2)));
             }
-            Ok(bytes.as_bytes().to_vec())
+            Ok(bytes.to_vec())
         })
     }
 }
@@ -301,8 +290,4 @@ impl Checkpoint for PyStrategy {
         }
         Ok(())
     }
-}
-
-fn wrong(decided: &Py<PyAny>) -> PyErr {
-    refused(format!("plan() returned {decided}: expected a skysink.Decision, or None for the transit rule"))
 }

@@ -2,19 +2,17 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
-use std::sync::atomic::Ordering;
 
 use pyo3::prelude::*;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_lab::compare::{Contender, standings as of_contenders};
+use skysink_lab::compare::{Contender, MetricStanding, standings};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::progress::LabProgress;
 use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::folder::SweepRecord;
-use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
+use skysink_lab::sweep::journal::{MissionRow, MissionRows};
 use skysink_lab::sweep::manifest::STANDINGS;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::mission_columns;
@@ -25,10 +23,10 @@ use skysink_mission::files::write_whole;
 use toml::Table;
 
 use crate::errors::{of_lab, of_mission, refused};
-use crate::held::HeldChannel;
+use crate::held::Held;
 use crate::run::{Sources, source_files};
 use crate::scenario::PyScenario;
-use crate::signals::{INTERRUPT, interruptible};
+use crate::signals::interruptible;
 use crate::simulate::drive_python;
 use crate::strategy::{PyStrategies, Raised};
 use crate::table::PyTable;
@@ -86,7 +84,7 @@ impl PySweepPlan {
         let base = SweepBase {
             path: scenario.scenario.path.clone(),
             table: scenario.table(),
-            held: HeldChannel::of(&scenario.scenario).overrides(),
+            held: Held::of(&scenario.scenario).overrides(),
         };
         let settings = SweepSettings {
             base,
@@ -128,16 +126,16 @@ impl PySweepPlan {
             let name = &self.0.definition.strategies[mission.1];
             let mut scenario = self.0.scenario(key(mission)).map_err(of_lab)?;
             if let Some(prepare) = &prepare {
-                let prepared = prepare.call1(py, (PyScenario::on_record(&scenario)?,))?;
-                scenario = prepared.bind(py).cast::<PyScenario>()?.get().scenario.clone();
+                scenario = PyScenario::prepared(py, prepare, &scenario)?;
             }
-            let row = match strategies.get(name) {
-                Some(make) => fly_python(py, &scenario, key(mission), make)?,
+            let values = match strategies.get(name) {
+                Some(make) => fly_python(py, &scenario, make)?,
                 None => {
-                    interruptible(py, |stop| sweep::fly_scenario(&scenario, key(mission), stop))?.map_err(of_lab)?
+                    let flown = interruptible(py, |stop| sweep::fly_scenario(&scenario, key(mission), stop))?;
+                    flown.map_err(of_lab)?.values
                 }
             };
-            Ok((mission, row.values.to_vec()))
+            Ok((mission, values.to_vec()))
         };
         missions.into_iter().map(fly_one).collect()
     }
@@ -146,75 +144,68 @@ impl PySweepPlan {
     /// the number of finished and of all missions.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize, progress: Option<Py<PyAny>>) -> PyResult<PyTable> {
         let task = SweepTask { out: &out, shard: Shard::WHOLE, threads };
-        let raised = OnceLock::new();
-        let journal = interruptible(py, |stop| {
-            sweep::sweep(&self.0, task, stop, &|LabProgress { done, of, .. }| {
+        let (journal, raised) = interruptible(py, |stop| {
+            let raised = Raised::new(stop);
+            let journal = sweep::sweep(&self.0, task, stop, &|LabProgress { done, of, .. }| {
                 let told = progress.as_ref().map(|tell| Python::attach(|py| tell.call1(py, (done, of))));
                 if let Some(Err(error)) = told {
-                    let _ = raised.set(error);
-                    stop.flag().store(INTERRUPT, Ordering::Relaxed);
+                    raised.keep(error);
                 }
-            })
+            });
+            (journal, raised)
         })?;
-        if let Some(error) = raised.into_inner() {
-            return Err(error);
-        }
-        self.table(&journal.map_err(of_lab)?)
+        raised.check()?;
+        self.table(&journal.map_err(of_lab)?.rows)
     }
 
     /// A row per mission.
     fn rows(&self, all: Vec<Row>) -> PyResult<PyTable> {
-        let rows: Vec<MissionRow> = rows(all)?.into_values().collect();
-        PyTable::new(mission_columns(&self.0.definition, &rows))
+        self.table(&rows(all)?)
     }
 
     /// All metrics of the strategies of a comparison.
     fn standings<'py>(&self, py: Python<'py>, all: Vec<Row>) -> PyResult<Bound<'py, PyAny>> {
-        json(py, &of_contenders(&Contender::of_sweep(&self.0.definition, &rows(all)?)))
+        json(py, &self.standings_of(&rows(all)?))
     }
 
-    /// Writes the results into the folder of `record`, and returns them.
-    fn finish(&self, py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<PyTable> {
-        self.table(&finish(py, record)?)
-    }
-
-    /// The same for a comparison in the folder `out`, with its standings, which it writes, too.
-    fn finish_comparison<'py>(
+    /// Writes the results into the folder of `record`, and returns them, after the standings of a comparison, which it
+    /// writes into its folder, too.
+    fn finish<'py>(
         &self,
         py: Python<'py>,
-        record: &Bound<'_, PySweepRecord>,
-        out: PathBuf,
-    ) -> PyResult<(Bound<'py, PyAny>, PyTable)> {
-        let journal = finish(py, record)?;
-        let contenders = Contender::of_sweep(&self.0.definition, &journal.rows);
-        let standings = of_contenders(&contenders);
-        let text = serde_json::to_string_pretty(&standings).expect("plain numbers and strings");
-        write_whole(&out.join(STANDINGS), (text + "\n").as_bytes()).map_err(of_mission)?;
-        Ok((json(py, &standings)?, self.table(&journal)?))
+        record: &Bound<'py, PySweepRecord>,
+        comparison: Option<PathBuf>,
+    ) -> PyResult<(Option<Bound<'py, PyAny>>, PyTable)> {
+        let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
+        let rows = interruptible(py, |stop| record.finish(stop))?.map_err(of_lab)?.rows;
+        let write = |folder: PathBuf| {
+            let standings = self.standings_of(&rows);
+            let text = serde_json::to_string_pretty(&standings).expect("plain numbers and strings");
+            write_whole(&folder.join(STANDINGS), (text + "\n").as_bytes()).map_err(of_mission)?;
+            json(py, &standings)
+        };
+        Ok((comparison.map(write).transpose()?, self.table(&rows)?))
     }
-}
-
-/// Writes the results into the folder of `record`.
-fn finish(py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<SweepJournal> {
-    let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
-    interruptible(py, |stop| record.finish(stop))?.map_err(of_lab)
 }
 
 impl PySweepPlan {
-    fn table(&self, journal: &SweepJournal) -> PyResult<PyTable> {
-        let rows: Vec<MissionRow> = journal.rows.values().copied().collect();
-        let columns = mission_columns(&self.0.definition, &rows);
-        PyTable::new(columns)
+    fn table(&self, rows: &MissionRows) -> PyResult<PyTable> {
+        let rows: Vec<MissionRow> = rows.values().copied().collect();
+        PyTable::new(mission_columns(&self.0.definition, &rows))
+    }
+
+    fn standings_of(&self, rows: &MissionRows) -> Vec<MetricStanding> {
+        standings(&Contender::of_sweep(&self.0.definition, rows))
     }
 }
 
 /// Runs a mission of a sweep with the Python strategies that `make` makes.
-fn fly_python(py: Python<'_>, scenario: &Scenario, key: MissionKey, make: &Py<PyAny>) -> PyResult<MissionRow> {
+fn fly_python(py: Python<'_>, scenario: &Scenario, make: &Py<PyAny>) -> PyResult<MetricValues> {
     let list = SensorList::of(scenario).map_err(refused)?;
     let mut meter = MissionMeter::new(scenario, &list);
     let strategies = PyStrategies::new(make.bind(py), scenario.uav.uavs(), &Raised::new(&Stop::default()))?;
     let plant = drive_python(py, scenario, &list, strategies, &mut meter)?;
-    Ok(MissionRow { key, values: meter.values(&plant, None, None) })
+    Ok(meter.values(&plant, None, None))
 }
 
 /// The locked folder of a running sweep.

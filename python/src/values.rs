@@ -6,23 +6,18 @@ use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 use toml::Value;
 
 /// Maximum depth of nested lists and tables; no key has more.
-const MAX_DEPTH: usize = 8;
+pub const MAX_DEPTH: usize = 8;
 
 /// What `__reduce__` returns, for pickle and copy: the function that creates the value, and its arguments.
 pub type Reduced<'py, T> = (Bound<'py, PyAny>, T);
 
-/// A value of a scenario: a number, text, or a list or table of them.
+/// A value of a scenario: a number, text, or a list or table of them, with at most `depth` in each other.
 ///
 /// # Errors
 /// [`PyTypeError`] for anything else.
-pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<Value> {
-    nested(value, MAX_DEPTH)
-}
-
-/// The same of a value with at most `depth` lists and tables in each other.
-fn nested(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
+pub fn to_toml(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
     let wrong = || PyTypeError::new_err(format!("{}: expected a number, text, or a list of them", value.get_type()));
-    let inner = |value: &Bound<'_, PyAny>| nested(value, depth.checked_sub(1).ok_or_else(wrong)?);
+    let inner = |value: &Bound<'_, PyAny>| to_toml(value, depth.checked_sub(1).ok_or_else(wrong)?);
     if value.is_instance_of::<PyBool>() {
         return Ok(Value::Boolean(value.extract()?));
     }
@@ -47,9 +42,6 @@ fn nested(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
 }
 
 /// What serializes as JSON, as Python's dictionaries, lists and numbers.
-///
-/// # Errors
-/// Those of the interpreter.
 pub fn json<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).expect("plain numbers and strings");
     py.import("json")?.call_method1("loads", (text,))

@@ -13,7 +13,7 @@ use skysink_common::message::{FlightReport, HoldReason, Mode, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_flight_sim::outside::{OutsideVehicle, SlotOrder};
 
-use crate::field::{FieldData, PyField};
+use crate::field::PyField;
 use crate::strategy::Raised;
 
 /// The vehicle of a UAV. All UAVs have the same object.
@@ -38,10 +38,9 @@ impl PyVehicle {
     }
 
     fn call_begin(&self, py: Python<'_>, sensors: &[SensorNode], reports: &[FlightReport]) -> PyResult<()> {
-        let data = FieldData::of_nodes(&self.scenario, sensors.to_vec()).map_err(crate::errors::refused)?;
+        let field = PyField::of(&self.scenario, sensors.to_vec())?;
         let starts: Vec<[f64; 3]> = reports.iter().map(|report| report.position().into()).collect();
-        let starts = Array2::from_shape_fn((starts.len(), 3), |(uav, axis)| starts[uav][axis]).into_pyarray(py);
-        self.object.call_method1(py, intern!(py, "begin"), (PyField::new(Arc::new(data)), starts))?;
+        self.object.call_method1(py, intern!(py, "begin"), (field, Array2::from(starts).into_pyarray(py)))?;
         Ok(())
     }
 

@@ -62,8 +62,7 @@ impl PyView {
             Some(learnt_bps) => read_only(PyArray1::from_iter(py, learnt_bps))?,
             None => new_object(known_bps.bind(py))?,
         };
-        let data = &field.get().data;
-        let belief = PyBelief::of(py, &view.belief, data, &queues_bits, &sampling_bps, contacts, view.slot - 1)?;
+        let belief = PyBelief::of(py, view, &queues_bits, &sampling_bps, contacts)?;
         let home = view.table.home.as_ref();
         let (after, ground) = (view.slot - 1, view.ground());
         Ok(Self {
@@ -128,14 +127,12 @@ pub struct PyNeighbours {
 }
 
 impl PyNeighbours {
-    /// What `neighbours` tell.
     pub fn of(py: Python<'_>, neighbours: &Neighbours<'_>) -> PyResult<Py<Self>> {
         let positions: Vec<[f64; 3]> = neighbours.others().map(|(_, flight)| flight.position().into()).collect();
-        let positions_m = Array2::from_shape_fn((positions.len(), 3), |(uav, axis)| positions[uav][axis]);
         let met = Self {
             own: neighbours.uav,
             uavs: neighbours.others().map(|(uav, _)| uav).collect(),
-            positions_m: read_only(positions_m.into_pyarray(py))?.unbind(),
+            positions_m: read_only(Array2::from(positions).into_pyarray(py))?.unbind(),
             scheduled: read_only(neighbours.scheduled.to_pyarray(py))?.unbind(),
         };
         Py::new(py, met)
@@ -156,7 +153,6 @@ pub struct PyFlight {
 }
 
 impl PyFlight {
-    /// The flight of `report`.
     pub fn of(py: Python<'_>, report: &FlightReport) -> PyResult<Self> {
         Ok(Self {
             position_m: read_only([report.x_m, report.y_m, report.z_m].to_pyarray(py))?.unbind(),

@@ -151,7 +151,7 @@ def test_vector_and_single_environments_agree_step_by_step(smoke: skysink.Scenar
         assert observed["queues"].shape == (3, 40) and not terminated.any()
         for index, single in enumerate(singles):
             if over[index]:
-                following, _ = single.reset(seed=single._core.number + 3)
+                following, _ = single.reset(seed=single._core.numbers[0] + 3)
                 outcome: tuple[Any, ...] = (following, 0.0, False, False, {"lost_bits": 0, "delivered_bits": 0})
             else:
                 outcome = single.step(actions[index])

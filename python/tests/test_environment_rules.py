@@ -279,7 +279,7 @@ def test_a_vector_of_scenarios_matches_single_environments_bit_for_bit(smoke: sk
         observed, rewards, _, truncated, info = envs.step(actions)
         for index, single in enumerate(singles):
             if over[index]:
-                seen, own = single.reset(seed=single._core.number + 5)
+                seen, own = single.reset(seed=single._core.numbers[0] + 5)
                 outcome: tuple[Any, ...] = (seen, 0.0, False, False, own)
             else:
                 outcome = single.step(actions[index])

@@ -137,7 +137,7 @@ impl Episode {
         let worker = match worker.filter(|worker| worker.process == process::id()) {
             Some(worker) => worker,
             None => {
-                let mut scenario = self.scenario()?;
+                let mut scenario = self.course.prepared(self.number)?;
                 name.clone_into(&mut scenario.planner.strategy);
                 Worker::start(scenario, Arc::clone(&self.list), state)
             }
