@@ -436,7 +436,8 @@ class Decision:
     """The decision of a strategy: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``."""
 
     def __new__(cls, waypoint: ArrayLike, serve: Iterable[int] | None = None) -> Self:
-        """``waypoint`` [m]; without z, the altitude is kept. ``serve`` contains ids, by default the n fullest in range.
+        """``waypoint`` [m]; without z, a free altitude is the best for the SNs served. ``serve`` contains ids, by default
+        the n fullest in range.
 
         Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
         """
