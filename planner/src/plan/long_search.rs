@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use rand_chacha::ChaCha8Rng;
+use skysink_common::random::Purpose;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::carried_plan::CarriedPlan;
@@ -74,7 +75,7 @@ impl<O: Objective> CarriedPlan<O> {
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
-        self.begin();
+        self.plan.has_begun = true;
         let begun = (forecast.cost, forecast.stops());
         let mut best = begun.clone();
         let mut ended = ControlFlow::Continue((0, false));
@@ -83,7 +84,7 @@ impl<O: Objective> CarriedPlan<O> {
             if search > 0 {
                 forecast.load(&self.model, begun.1.iter().copied());
             }
-            let mut random = self.long_random(view.slot, search as u32);
+            let mut random = self.streams.stream(Purpose::Horizon, view.slot.saturating_sub(1), search as u32);
             let mut found = begun.clone();
             let least = best.0;
             let watch = &mut |progress: SearchProgress| {
@@ -98,7 +99,8 @@ impl<O: Objective> CarriedPlan<O> {
         forecast.load(&self.model, best.1);
         start::extend(&self.model, forecast); // as a planner does when it resumes the plan
         let (steps, is_optimal) = ended.continue_value()?;
-        self.resume_at(forecast.stops(), LATER_TEMPERATURE);
+        self.stops = forecast.stops();
+        self.plan.temperature = LATER_TEMPERATURE;
         Some(SearchOutcome { cost: forecast.cost, steps, is_optimal })
     }
 
