@@ -117,21 +117,11 @@ impl Planner {
         make: &mut MakeStrategy<'_>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
-        Self::in_team(scenario, sensors, make, None, stop)
+        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, None, stop)
     }
 
-    /// The planner of a UAV of a team.
-    pub(crate) fn in_team(
-        scenario: &Scenario,
-        sensors: &[SensorNode],
-        make: &mut MakeStrategy<'_>,
-        team: Option<Team<'_>>,
-        stop: &Stop,
-    ) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, team, stop)
-    }
-
-    fn build(
+    /// The same over `sensors`, for a UAV of a team.
+    pub(crate) fn build(
         scenario: &Scenario,
         sensors: Arc<Sensors>,
         make: &mut MakeStrategy<'_>,

@@ -4,16 +4,17 @@
 
 mod partition;
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HeardLink, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Coordination, Scenario};
+use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use toml::Value;
@@ -84,6 +85,11 @@ struct Subfield {
 }
 
 impl Subfield {
+    /// The number of the SN `id`, if it is one of them.
+    fn number(&self, id: u32) -> Option<u32> {
+        self.ids.binary_search(&id).ok().map(|number| number as u32)
+    }
+
     /// The queues of its SNs [bit].
     fn select(&mut self, queues_bits: &[u32]) -> &[u32] {
         self.queues_bits.clear();
@@ -95,8 +101,8 @@ impl Subfield {
     fn numbered(&self, flight: &FlightReport) -> FlightReport {
         let mut own = FlightReport { served: 0, links: [LinkReport::default(); MAX_SERVED], ..*flight };
         for link in flight.served_links() {
-            if let Ok(number) = self.ids.binary_search(&link.sensor) {
-                own.links[own.served as usize] = LinkReport { sensor: number as u32, ..*link };
+            if let Some(sensor) = self.number(link.sensor) {
+                own.links[own.served as usize] = LinkReport { sensor, ..*link };
                 own.served += 1;
             }
         }
@@ -163,16 +169,13 @@ impl FleetPlanner {
         };
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let member = |(uav, alone): (usize, &Scenario)| {
-            let (last, endurance) = (alone.slots, scenario.slots_of(uav));
-            let Some(ids) = parts.next() else {
-                let team = Team { uav, starts: &starts };
-                let team = Some(team).filter(|_| coordination == Coordination::Sequential);
-                let planner = Planner::in_team(alone, sensors, make, team, stop)?;
-                return Ok(Member { planner, last, endurance, subfield: None });
-            };
-            let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
-            let planner = Planner::by(alone, &own, make, stop)?;
-            Ok(Member { planner, last, endurance, subfield: Some(Subfield { ids, queues_bits: Vec::new() }) })
+            let subfield = parts.next().map(|ids| Subfield { ids, queues_bits: Vec::new() });
+            let nodes = |subfield: &Subfield| subfield.ids.iter().map(|&id| sensors[id as usize]).collect();
+            let own: Option<Vec<SensorNode>> = subfield.as_ref().map(nodes);
+            let own = Arc::new(Sensors::of(alone, own.as_deref().unwrap_or(sensors)));
+            let team = (coordination == Coordination::Sequential).then_some(Team { uav, starts: &starts });
+            let planner = Planner::build(alone, own, make, team, stop)?;
+            Ok(Member { planner, last: alone.slots, endurance: scenario.slots_of(uav), subfield })
         };
         let members = alone.iter().enumerate().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
         Ok(Self {
@@ -208,9 +211,8 @@ impl FleetPlanner {
             let is_alone = subfield.is_some() || self.coordination == Coordination::Independent;
             let known = links.iter().filter(|link| !is_alone || link.uav as usize == uav);
             match subfield {
-                Some(Subfield { ids, .. }) => {
-                    let number = |link: &HeardLink| Some(ids.binary_search(&link.sensor).ok()? as u32);
-                    let own = |link: &HeardLink| Some(HeardLink { sensor: number(link)?, ..*link });
+                Some(subfield) => {
+                    let own = |link: &HeardLink| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link });
                     planner.hear(uav, flights, known.filter_map(own));
                 }
                 None => planner.hear(uav, flights, known.copied()),
@@ -328,8 +330,7 @@ impl FleetPlanner {
             let own = scheduled_by(plan);
             match subfield {
                 Some(subfield) => {
-                    let number = |id: &u32| subfield.ids.binary_search(id).ok().map(|number| number as u32);
-                    let own: Vec<u32> = own.iter().filter_map(number).collect();
+                    let own: Vec<u32> = own.into_iter().filter_map(|id| subfield.number(id)).collect();
                     planner.await_reports(slot, &own, subfield.select(queues_bits));
                 }
                 None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, queues_bits),
@@ -417,10 +418,6 @@ fn saved(planner: &Planner) -> Vec<u8> {
     bytes
 }
 
-/// The checkpoint of several planners.
-#[derive(Serialize, Deserialize)]
-struct Saved(Vec<Vec<u8>>);
-
 impl Checkpoint for FleetPlanner {
     /// That of the planner with one UAV. Appends nothing if no planner has a state.
     fn save(&self, bytes: &mut Vec<u8>) {
@@ -429,7 +426,7 @@ impl Checkpoint for FleetPlanner {
         }
         let all: Vec<Vec<u8>> = self.members.iter().map(|member| saved(&member.planner)).collect();
         if all.iter().any(|bytes| !bytes.is_empty()) {
-            encode(&Saved(all), bytes);
+            encode(&all, bytes);
         }
     }
 
@@ -437,7 +434,7 @@ impl Checkpoint for FleetPlanner {
         if let [only] = &mut self.members[..] {
             return only.planner.restore(bytes);
         }
-        let Saved(all) = if bytes.is_empty() { Saved(vec![Vec::new(); self.members.len()]) } else { decode(bytes)? };
+        let all: Vec<Vec<u8>> = if bytes.is_empty() { vec![Vec::new(); self.members.len()] } else { decode(bytes)? };
         CheckpointError::ensure(all.len() == self.members.len(), "a state of each UAV")?;
         let before: Vec<Vec<u8>> = self.members.iter().map(|member| saved(&member.planner)).collect();
         let restored = self.members.iter_mut().zip(&all).try_for_each(|(member, bytes)| member.planner.restore(bytes));
