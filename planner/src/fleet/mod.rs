@@ -161,12 +161,8 @@ impl FleetPlanner {
         let separation_m = reservations.nothing(scenario.slots).separation_m;
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
-        let mut parts = match coordination {
-            Coordination::Partition => {
-                partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop).into_iter()
-            }
-            _ => Vec::new().into_iter(),
-        };
+        let cut = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+        let mut parts = (coordination == Coordination::Partition).then(cut).into_iter().flatten();
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let member = |(uav, alone): (usize, &Scenario)| {
             let subfield = parts.next().map(|ids| Subfield { ids, queues_bits: Vec::new() });
