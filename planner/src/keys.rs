@@ -64,7 +64,8 @@ impl Settings {
     /// Refuses a knowledge of links that there is no way to have.
     fn check_links(&self, scenario: &Scenario) -> Result<(), InputError> {
         let (Some(links), link) = (self.links, &scenario.link) else { return Ok(()) };
-        let refuse = |expected| Err(scenario.refusal("planner.links", &links.name().into(), expected));
+        let name = LinkKnowledge::VARIANTS[links as usize];
+        let refuse = |expected| Err(scenario.refusal("planner.links", &name.into(), expected));
         let (is_map, is_heard) = (link.model == LinkModel::Map, links == LinkKnowledge::Heard);
         match () {
             () if is_heard && !is_map && !link.stays_in_sight() => {
@@ -176,13 +177,6 @@ pub enum LinkKnowledge {
     Law,
     /// A law, corrected by the SNRs that were heard.
     Heard,
-}
-
-impl LinkKnowledge {
-    /// Its name in a scenario.
-    fn name(self) -> &'static str {
-        Self::VARIANTS[self as usize]
-    }
 }
 
 /// What plans over many slots are made for (decision D36).

@@ -263,7 +263,7 @@ impl Decoder {
     ) -> f64 {
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
         let least_bits = 1.5 * model.sensors[sensor].mean_bits + 0.5;
-        let wait = model.wait(&self.at);
+        let wait = model.table.motion.wait(&self.at);
         let mut cost = 0.0;
         for _ in 0..stop.hovers {
             let there_bits = O::queue_bits(&model.sensors[sensor], buffers.level(sensor), f64::from(self.slot + 1));

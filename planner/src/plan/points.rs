@@ -137,12 +137,6 @@ impl PlanModel {
         }
     }
 
-    /// A hover at `at` [m].
-    #[must_use]
-    pub fn wait(&self, at: &Position) -> Route {
-        self.table.motion.wait(at)
-    }
-
     /// Adds the stop at `point` [m] for `sensor`.
     pub fn add_point(&mut self, sensor: u32, point: Position, hovers: u16) -> PlannedStop {
         let disk = Disk { centre: point, radius_m: 0.0 };

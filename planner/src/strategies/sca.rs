@@ -30,7 +30,7 @@ use super::turns::InTurn;
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 use rehearsal::{FlightPlan, Rehearsal};
-use stops::TimedStop;
+use stops::{TimedStop, stops_of};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -91,7 +91,7 @@ impl Approximation {
     /// The best flight of all approximations from the slot of `view` on.
     fn best<'a>(&mut self, view: &View<'a>) -> Rehearsal<'a> {
         let mut best = self.first_round(view);
-        let mut at = best.stops();
+        let mut at = stops_of(&best);
         let mut fruitless = 0;
         // On a grid the points of stops are cells, not a convex set.
         let iterations = if view.table.motion.is_by_cells() { 0 } else { self.iterations };
@@ -102,7 +102,7 @@ impl Approximation {
             let Some(improved) = program::improved(&best, &at) else { break };
             let [exact, hurried] = [false, true].map(|hurries| self.flown(view, &improved, hurries));
             let flight = if hurried.cost() < exact.cost() { hurried } else { exact };
-            at = flight.stops();
+            at = stops_of(&flight);
             fruitless += 1;
             if flight.cost() < best.cost() * (1.0 - SETTLED) {
                 (best, fruitless) = (flight, 0);

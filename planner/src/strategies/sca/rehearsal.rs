@@ -6,7 +6,7 @@ use skysink_common::arrivals::sampled_bits;
 use skysink_common::belief::Believed;
 use skysink_common::geometry::Position;
 
-use super::stops::{FlownService, TimedStop, range, stops_of};
+use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
 use crate::strategies::nearby::fullest_first;
 use crate::strategies::serving::Serving;
@@ -201,11 +201,6 @@ impl<'a> Rehearsal<'a> {
         let now = self.now();
         let deadlines = now.table.servable().filter_map(|id| Some((now.belief.deadline_slots(id)?, id)));
         deadlines.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, id)| id)
-    }
-
-    /// The stops of the flight, without services that save nothing.
-    pub fn stops(&self) -> Vec<TimedStop> {
-        stops_of(self)
     }
 
     /// The plan to fly it.
