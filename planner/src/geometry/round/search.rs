@@ -158,14 +158,11 @@ impl<'a> RoundSearch<'a> {
             let may_descend = *times < 4 && insertions <= 40 + 4 * whole.max(self.open.len());
             insertions += 1;
             let (leg, point) = self.best_leg(round, disk);
-            round.insert(
-                self.field,
-                leg,
-                disk,
-                point,
-                if may_descend { 2 } else { 0 },
-                if may_descend { 2 } else { 0 },
-            );
+            if may_descend {
+                round.insert(self.field, leg, disk, point, 2, 2);
+            } else {
+                round.insert(self.field, leg, disk, point, 0, 0);
+            }
         }
     }
 
