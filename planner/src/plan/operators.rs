@@ -203,7 +203,10 @@ impl Draft<'_> {
         let most = self.model.hovers(sensor, queue_bits, &point);
         let hovers = if below(self.random, 2) == 0 { most } else { below(self.random, usize::from(most) + 1) as u16 };
         let index = match below(self.random, 2) {
-            0 => least_detour(self.model, self.legs, &self.start, &point),
+            0 => {
+                let detours = detours_m(self.model, self.legs, &self.start, &point).enumerate();
+                detours.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index)
+            }
             _ => below(self.random, self.legs.len() + 1),
         };
         let stop = self.model.add_point(sensor, point, hovers);
@@ -266,10 +269,4 @@ pub fn detours_m(model: &PlanModel, legs: &[Leg], start: &Position, point: &Posi
         let next = legs.get(index).map(|_| at(index));
         next.map_or(to_m, |next| to_m + (next - point).norm() - (next - before).norm())
     })
-}
-
-/// The index at which it adds least.
-fn least_detour(model: &PlanModel, legs: &[Leg], start: &Position, point: &Position) -> usize {
-    let detours = detours_m(model, legs, start, point).enumerate();
-    detours.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index)
 }
