@@ -17,7 +17,6 @@ use skysink_common::keys::Accepts;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, SolverOutcome};
 use skysink_common::stop::Stop;
 
-use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
@@ -180,8 +179,8 @@ impl<O: Objective> LookAhead<O> {
             }
             Some(next) => {
                 let (waypoint, outcome) = between_stops(&mut self.serving, view, &next);
-                let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
-                let mut decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
+                let decision = self.serving.serve_first(view, &waypoint, |id| next.ids.contains(&id));
+                let mut decision = Decision { outcome, ..decision };
                 if is_choosy {
                     decision.schedule.retain(|id| next.ids.contains(id));
                 }

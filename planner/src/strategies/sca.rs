@@ -23,7 +23,6 @@ use skysink_common::geometry::{Position, above};
 use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
 
-use super::nearby::fullest_first;
 use super::serving::Serving;
 use super::tour;
 use super::turns::InTurn;
@@ -149,8 +148,7 @@ impl Strategy for Approximation {
         let index = self.plan.index(view.slot)?;
         let FlightPlan { ends, served, .. } = &self.plan;
         let waypoint = view.table.motion.toward(&view.ground(), &Position::from(ends[index]));
-        let key = |id: u32| (!served[index].contains(&id), fullest_first(view.value(id), id));
-        let decision = self.serving.serve_by(view, &waypoint, key);
+        let decision = self.serving.serve_first(view, &waypoint, |id| served[index].contains(&id));
         self.path.clear();
         let later = ends[index + 1..].iter().take(MAX_PATH_POINTS);
         self.path.extend(later.map(|end| above(&Position::from(*end), decision.waypoint.z)));

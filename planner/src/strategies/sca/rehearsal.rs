@@ -8,7 +8,6 @@ use skysink_common::geometry::Position;
 
 use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
-use crate::strategies::nearby::fullest_first;
 use crate::strategies::serving::Serving;
 use crate::strategies::turns::InTurn;
 use crate::strategy::{Decision, Strategy, Timing, View};
@@ -130,9 +129,7 @@ impl<'a> Rehearsal<'a> {
 
     /// Flies a slot to `end`, and serves first the SNs `first` and then the fullest in range.
     fn fly_to(&mut self, serving: &mut Serving, end: &Position, first: &[u32]) {
-        let now = self.now();
-        let key = |id: u32| (!first.contains(&id), fullest_first(now.value(id), id));
-        let decision = serving.serve_by(&now, end, key);
+        let decision = serving.serve_first(&self.now(), end, |id| first.contains(&id));
         self.fly(&decision);
     }
 
