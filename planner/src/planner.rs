@@ -280,7 +280,6 @@ impl Planner {
         strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
     }
 
-    /// The constant data of its mission.
     pub(crate) fn table(&self) -> &MissionTable {
         &self.table
     }
@@ -393,7 +392,6 @@ fn believed<'a>(
     believed
 }
 
-/// The message for `decision`.
 fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
     let Decision { waypoint, schedule, outcome, winner } = decision;
     let mut plan = Plan::fly_to(*waypoint, mode);

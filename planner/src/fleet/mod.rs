@@ -35,13 +35,11 @@ const SPARE_MOVES: u64 = 3;
 pub struct FleetPlanner {
     members: ByUav<Member>,
     coordination: Coordination,
-    /// The places that are reserved for them.
     reservations: ReservationTable,
     /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
     claims: Vec<Vec<u32>>,
     /// What each UAV plans to serve.
     intents: Vec<Vec<PlannedVisit>>,
-    /// Working memory of a slot.
     shared: Shared,
 }
 
@@ -407,7 +405,6 @@ pub fn require_one(scenario: &Scenario) -> Result<(), InputError> {
     }
 }
 
-/// The checkpoint of a planner.
 fn saved(planner: &Planner) -> Vec<u8> {
     let mut bytes = Vec::new();
     planner.save(&mut bytes);

@@ -91,7 +91,6 @@ impl Draft<'_> {
         (index, (operators[index].propose)(self, leg))
     }
 
-    /// Any stop of the model.
     fn any(&mut self) -> PlannedStop {
         PlannedStop::at(self.model.stops[below(self.random, self.model.stops.len())])
     }
@@ -146,7 +145,6 @@ impl Draft<'_> {
         self.insert(leg, stop)
     }
 
-    /// Stops at `stop` instead.
     fn replace(&mut self, leg: usize, stop: PlannedStop) -> Range<usize> {
         self.inserted.push((stop, FRESH));
         leg..leg + 1
@@ -214,7 +212,6 @@ impl Draft<'_> {
         Some(index..index)
     }
 
-    /// Moves one stop.
     fn move_one(&mut self, leg: usize) -> Option<Range<usize>> {
         let to = below(self.random, self.legs.len());
         if to > leg {
@@ -227,7 +224,6 @@ impl Draft<'_> {
         (to != leg).then(|| leg.min(to)..leg.max(to) + 1)
     }
 
-    /// Reverses a part of the plan.
     fn reverse_from(&mut self, leg: usize) -> Option<Range<usize>> {
         let end = leg + 1 + below(self.random, self.legs.len() - leg);
         self.reverse(leg..end);

@@ -56,7 +56,6 @@ fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decisi
     })
 }
 
-/// The search for the best point.
 struct BestPoint<'a> {
     table: &'a MissionTable,
     start: Position,

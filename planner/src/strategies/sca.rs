@@ -62,7 +62,6 @@ const PATIENCE: u32 = 3;
 /// Relative decrease of the loss that counts.
 const SETTLED: f64 = 1e-9;
 
-/// The strategy.
 struct Approximation {
     iterations: u32,
     /// Whether what is left in the queues is lost, too.

@@ -45,7 +45,6 @@ pub enum RoundEffort {
     Time(Duration),
 }
 
-/// The state of a search.
 pub struct RoundSearch<'a> {
     pub(super) field: &'a DiskField,
     pub(super) random: ChaCha8Rng,

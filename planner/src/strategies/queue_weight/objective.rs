@@ -25,7 +25,6 @@ pub enum Service {
     Capacity,
 }
 
-/// The objective.
 pub(super) struct QueueWeightObjective {
     /// Price of energy, V [bit²/J].
     pub(super) price_bits2_per_j: f64,

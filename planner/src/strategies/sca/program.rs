@@ -82,7 +82,6 @@ fn moved(flight: &Rehearsal, stop: &TimedStop, found: &[f64]) -> TimedStop {
 /// A service with its variables.
 #[derive(Clone, Copy)]
 struct StopVisit {
-    /// The index of its stop.
     stop: usize,
     service: FlownService,
     /// The index of its first variable.

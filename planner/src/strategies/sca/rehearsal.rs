@@ -15,7 +15,6 @@ use crate::strategy::{Decision, Strategy, Timing, View};
 /// Part of a slot by which the point of a stop may be missed.
 const MISSED_SLOTS: f64 = 1e-4;
 
-/// A planned flight.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct FlightPlan {
     /// Its first slot.
@@ -34,12 +33,9 @@ impl FlightPlan {
     }
 }
 
-/// A slot that was flown.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FlownSlot {
-    /// Where it ended.
     pub end: Position,
-    /// What was served there.
     pub services: Vec<FlownService>,
 }
 
@@ -200,7 +196,6 @@ impl<'a> Rehearsal<'a> {
         deadlines.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, id)| id)
     }
 
-    /// The plan to fly it.
     pub fn into_plan(self) -> FlightPlan {
         FlightPlan {
             first: self.view.slot,
