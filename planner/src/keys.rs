@@ -89,12 +89,9 @@ impl Settings {
         let ObjectiveWeights { loss, age, peak_age, deadline, expiry, energy_j } = weights;
         let all = [loss, age, peak_age, deadline, expiry, energy_j];
         let is_weight = |weight: &f64| (0.0..=MOST_WEIGHT).contains(weight);
+        let refuse = |expected| Err(scenario.refusal("planner.objective", &self.objective.value(), expected));
         if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
-            return Err(scenario.refusal(
-                "planner.objective",
-                &self.objective.value(),
-                "weights from 0 to 1e12, not all 0",
-            ));
+            return refuse("weights from 0 to 1e12, not all 0");
         }
         let sensors = &scenario.sensors;
         let given = [
@@ -103,7 +100,7 @@ impl Settings {
             (energy_j, sensors.energy.is_some(), "[sensors.energy], the batteries of the SNs, beside it"),
         ];
         match given.iter().find(|(weight, is_given, _)| *weight > 0.0 && !is_given) {
-            Some((.., expected)) => Err(scenario.refusal("planner.objective", &self.objective.value(), expected)),
+            Some((.., expected)) => refuse(expected),
             None => Ok(()),
         }
     }

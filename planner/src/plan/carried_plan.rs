@@ -117,11 +117,12 @@ impl<O: Objective> CarriedPlan<O> {
         let Setup { scenario, belief, stop, .. } = *setup;
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
-        let weights = setup.settings.objective.weights();
-        let costs = weights.map(|weights| {
-            GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
-        });
-        let costs = costs.filter(|_| O::COUNTS_AGES).unwrap_or(GapCosts::LOSS);
+        let costs = match setup.settings.objective.weights() {
+            Some(weights) if O::COUNTS_AGES => {
+                GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
+            }
+            _ => GapCosts::LOSS,
+        };
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
             let sampling = sensors.sampling.with_means(mean_bits);
@@ -280,14 +281,9 @@ impl<O: Objective> CarriedPlan<O> {
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
         if O::HOVERS {
             let is_first = !self.plan.has_begun;
-            let steps = match self.plan.has_begun {
-                false => first_steps,
-                true => {
-                    let steps = u64::from(self.keys.iterations);
-                    let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
-                    halved.max(steps.min(1))
-                }
-            };
+            let steps = u64::from(self.keys.iterations);
+            let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
+            let steps = if is_first { first_steps } else { halved.max(steps.min(1)) };
             self.plan.has_begun = true;
             return self.improve_points(view.slot, steps, is_first, forecast, is_over);
         }

@@ -185,7 +185,10 @@ impl Decoder {
         (self.via, self.hovered) = (None, 0);
         let disk = model.disk(stop.disk);
         let near = &model.disk(next.unwrap_or(stop).disk).centre;
-        let enter = |from: &Position| model.route_into::<O>(from, disk, near);
+        let enter = |from: &Position| match O::HOVERS {
+            true => model.route_to_point(from, disk),
+            false => model.table.motion.enter(from, disk, near),
+        };
         let mut route = enter(&self.at);
         let mut cost = 0.0;
         let home = model.table.home.as_ref();

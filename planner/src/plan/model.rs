@@ -23,7 +23,6 @@ use crate::gap_costs::GapCosts;
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::route::route::Route;
 
 /// Nearest stops that a change may substitute for a stop.
 const NEIGHBOURS: usize = 12;
@@ -319,13 +318,6 @@ impl PlanModel {
     pub fn rest<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> f64 {
         let (before, reached) = self.until::<O>(sensor, slot, level);
         before + O::rest(&self.sensors[sensor], reached, slot)
-    }
-
-    /// The route from `from` into `disk`, as near to `next` as possible.
-    #[inline]
-    #[must_use]
-    pub fn route_into<O: Objective>(&self, from: &Position, disk: &Disk, next: &Position) -> Option<Route> {
-        if O::HOVERS { self.route_to_point(from, disk) } else { self.table.motion.enter(from, disk, next) }
     }
 
     /// The disk from which `stop` is served.

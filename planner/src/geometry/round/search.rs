@@ -184,13 +184,10 @@ impl<'a> RoundSearch<'a> {
         }
         match below(random, 6) {
             0..=2 => open[below(random, open.len())],
-            3 => {
+            drawn @ (3 | 4) => {
                 let from = centre(below(random, field.cover.centres.len()) as u32);
-                by(&|disk| -(centre(disk) - from).norm_squared())
-            }
-            4 => {
-                let from = centre(below(random, field.cover.centres.len()) as u32);
-                by(&|disk| (centre(disk) - from).norm_squared())
+                let sign = if drawn == 3 { -1.0 } else { 1.0 }; // the nearest, or the farthest
+                by(&|disk| sign * (centre(disk) - from).norm_squared())
             }
             _ => {
                 let (sine, cosine) = (std::f64::consts::TAU * fraction(random)).sin_cos();

@@ -82,11 +82,9 @@ impl<'a> Rehearsal<'a> {
 
     /// What a strategy sees in the next slot.
     fn now(&self) -> View<'_> {
-        let View { table, battery, stop, .. } = self.view;
         let slot = self.slot();
-        let belief = Believed::known(slot.saturating_sub(1), &table.sensors, &self.queues_bits);
-        let (position, timing, links, neighbours) = (self.position, Timing::Free, None, None);
-        View { slot, position, battery, belief, table, timing, links, neighbours, stop }
+        let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, &self.queues_bits);
+        View { slot, position: self.position, belief, timing: Timing::Free, links: None, neighbours: None, ..self.view }
     }
 
     /// Flies a slot: SNs sample and overflow, then the scheduled ones upload.
