@@ -98,15 +98,6 @@ impl Planner {
         Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)
     }
 
-    /// The planner of a scenario with these sensor nodes, whatever the cells of their grid.
-    ///
-    /// # Errors
-    /// As [`Planner::new`].
-    pub fn over(scenario: &Scenario, sensors: Arc<Sensors>) -> Result<Self, InputError> {
-        let make = Registered::of(scenario)?.make;
-        Self::build(scenario, sensors, &mut |setup| Ok(make(setup)), None, &Stop::default())
-    }
-
     /// The planner with the strategy that `make` makes instead of the scenario's.
     ///
     /// # Errors
@@ -117,11 +108,14 @@ impl Planner {
         make: &mut MakeStrategy<'_>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, None, stop)
+        Self::over(scenario, Arc::new(Sensors::of(scenario, sensors)), make, None, stop)
     }
 
-    /// The same over `sensors`, for a UAV of a team.
-    pub(crate) fn build(
+    /// The same for a UAV of a team, with these sensor nodes, whatever the cells of their grid.
+    ///
+    /// # Errors
+    /// As [`Planner::by`].
+    pub fn over(
         scenario: &Scenario,
         sensors: Arc<Sensors>,
         make: &mut MakeStrategy<'_>,

@@ -168,7 +168,7 @@ impl FleetPlanner {
             let own: Option<Vec<SensorNode>> = subfield.as_ref().map(nodes);
             let own = Arc::new(Sensors::of(alone, own.as_deref().unwrap_or(sensors)));
             let team = (coordination == Coordination::Sequential).then_some(Team { uav, starts: &starts });
-            let planner = Planner::build(alone, own, make, team, stop)?;
+            let planner = Planner::over(alone, own, make, team, stop)?;
             Ok(Member { planner, last: alone.slots, endurance: scenario.slots_of(uav), subfield })
         };
         let members = alone.iter().enumerate().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
