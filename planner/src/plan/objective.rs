@@ -89,9 +89,7 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
 pub struct Reached<L> {
     /// The slot that has ended.
     pub slot: f64,
-    /// After the last visit.
-    pub visited: L,
-    /// After the visits of other UAVs, too.
+    /// The buffer.
     pub level: L,
 }
 
@@ -184,7 +182,7 @@ impl Objective for Loss {
         let [own, before] = [now, then].map(|reached| (reached.slot - reached.level).min(full));
         let has_begun = sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0 || sensor.noise_slots2 > 0.0;
         // What is uncertain from before the window on counts from its beginning, not from a visit.
-        let are_apart = now.slot != then.slot && now.visited <= 0.0 || (now.visited <= 0.0) != (then.visited <= 0.0);
+        let are_apart = now.slot != then.slot && now.level <= 0.0 || (now.level <= 0.0) != (then.level <= 0.0);
         !((own - before).abs() > ROUNDING || has_begun && are_apart)
     }
 
