@@ -42,6 +42,9 @@ pub struct SearchProgress {
     pub cost: f64,
 }
 
+/// Is called with the progress of a search, and may end it.
+pub type Watch<'a> = dyn FnMut(SearchProgress) -> ControlFlow<()> + 'a;
+
 /// Result of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOutcome {
@@ -61,7 +64,7 @@ impl<O: Objective> CarriedPlan<O> {
         view: &View,
         forecast: &mut Forecast<O>,
         steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+        watch: &mut Watch<'_>,
     ) -> Option<SearchOutcome> {
         self.prepare_by(MOST_STEPS, view, forecast, steps, watch)
     }
@@ -73,7 +76,7 @@ impl<O: Objective> CarriedPlan<O> {
         view: &View,
         forecast: &mut Forecast<O>,
         steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+        watch: &mut Watch<'_>,
     ) -> Option<SearchOutcome> {
         self.plan.has_begun = true;
         let begun = (forecast.cost, forecast.stops());
@@ -113,7 +116,7 @@ impl<O: Objective> CarriedPlan<O> {
         best: &mut Best,
         random: &mut ChaCha8Rng,
         steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+        watch: &mut Watch<'_>,
     ) -> ControlFlow<(), (u64, bool)> {
         let model = &mut self.model;
         let bound = forecast.window.least(model);

@@ -24,7 +24,7 @@ use crate::plan::carried_plan::CarriedPlan;
 use crate::plan::forecast::Forecast;
 use crate::plan::gaps::Gaps;
 use crate::plan::keys::HorizonKeys;
-use crate::plan::long_search::{SearchOutcome, SearchProgress};
+use crate::plan::long_search::{SearchOutcome, SearchProgress, Watch};
 use crate::plan::objective::{Collect, Loss, Objective};
 use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
@@ -82,11 +82,7 @@ const SEARCH_END: f64 = 0.9;
 trait Prepare: Strategy {
     /// Runs the search before take-off. `watch` is called with the progress. `None`, without a plan, if no SN can lose
     /// data or `watch` ends the search.
-    fn prepare(
-        &mut self,
-        view: &View,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<SearchOutcome>;
+    fn prepare(&mut self, view: &View, watch: &mut Watch<'_>) -> Option<SearchOutcome>;
 }
 
 /// The look-ahead for the scenario's objective; with `offline_steps` in so many steps before take-off.
@@ -203,11 +199,7 @@ impl<O: Objective> LookAhead<O> {
 }
 
 impl<O: Objective> Prepare for LookAhead<O> {
-    fn prepare(
-        &mut self,
-        view: &View,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<SearchOutcome> {
+    fn prepare(&mut self, view: &View, watch: &mut Watch<'_>) -> Option<SearchOutcome> {
         let mut forecast = self.ahead.forecast(view)?;
         let steps = self.first_steps;
         if !O::HOVERS {
@@ -296,7 +288,7 @@ pub fn search_offline(
     setup: &Setup,
     queues_bits: &[u32],
     stop: &Stop,
-    watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    watch: &mut Watch<'_>,
 ) -> Option<(Box<dyn Strategy>, SearchOutcome)> {
     let mut strategy = offline(setup);
     let found = strategy.prepare(&View::at_start(setup, queues_bits, stop), watch)?;
