@@ -37,7 +37,7 @@ pub struct Home {
     motion: Motion,
     airspace: Arc<Airspace>,
     /// Places well inside of the base [m].
-    places: Arc<[Position]>,
+    pub places: Arc<[Position]>,
 }
 
 /// What becomes of a decision for a slot by the return rule.
@@ -93,12 +93,6 @@ impl Home {
         }
         // Around a zone a way may have been begun to a place well inside, before the nearest point came into sight.
         smallvec![nearest, self.place_from(ground)]
-    }
-
-    /// Places well inside of the base [m].
-    #[must_use]
-    pub fn places(&self) -> &[Position] {
-        &self.places
     }
 
     /// The place well inside of the base that the shortest path from `ground` leads to [m].

@@ -213,7 +213,8 @@ impl<'a> RoundSearch<'a> {
             };
             let away_m = (away_m2.sqrt() - field.inner_m).max(0.0);
             beyond_m.push(away_m);
-            let least_m = cost_least_m(round.leg_m(field, leg), away_m);
+            let leg_m = round.leg_m(field, leg);
+            let least_m = (leg_m * leg_m + 4.0 * away_m * away_m).sqrt() - leg_m;
             if least_m < nearest.0 {
                 nearest = (least_m, leg);
             }
@@ -297,9 +298,4 @@ impl<'a> RoundSearch<'a> {
             round.remove(self.field, low, low + length);
         }
     }
-}
-
-/// Least detour [m] to a rim `beyond_m` [m] from a leg of `leg_m` [m].
-fn cost_least_m(leg_m: f64, beyond_m: f64) -> f64 {
-    (leg_m * leg_m + 4.0 * beyond_m * beyond_m).sqrt() - leg_m
 }
