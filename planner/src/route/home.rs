@@ -354,7 +354,7 @@ mod tests {
         let places = (0..=160).flat_map(|x| (0..=132).map(move |y| Position::new(f64::from(x), f64::from(y)) / 4.0));
         let mut bent = 0;
         for ground in places.filter(|place| home.airspace.contains(place)) {
-            bent += usize::from(home.route(1, &ground).is_some_and(|route| route.parts().len() > 1));
+            bent += usize::from(home.route(1, &ground).is_some_and(|route| route.parts.len() > 1));
             for slot in [1, 14, 16, 18] {
                 let Some(route) = home.route(slot, &ground) else { continue };
                 if u64::from(route.slots()) > home.left_after(slot) {
