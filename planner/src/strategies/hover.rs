@@ -36,7 +36,7 @@ pub const STRATEGY: Registered =
 /// Urgent are those that overflow before all in range have had a turn, of them those whose links carry most; then the
 /// earliest deadlines.
 fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decision {
-    let MissionTable { sensors, channel, limits, .. } = view.table;
+    let MissionTable { sensors, limits, .. } = view.table;
     let mut in_range = 0;
     sensors.grid.visit_within(ground, limits.comm_radius_m, |_| in_range += 1);
     let turns = f64::from(in_range) / limits.blocks() as f64;
@@ -49,8 +49,7 @@ fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decisi
             // For non-negative floats the order of the bit patterns is the order of the numbers.
             return (true, deadline_slots.max(0.0).to_bits(), by_queue);
         }
-        let uplink = view.table.uplink(id, &uav);
-        let carried_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink)).min(queue_bits.into());
+        let carried_bits = view.table.capacity_bits(id, &uav).min(queue_bits.into());
         let value = sensors.weights.factor(id as usize) * carried_bits as f64;
         (false, u64::MAX - value.to_bits(), by_queue)
     })
