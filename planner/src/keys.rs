@@ -100,7 +100,7 @@ impl Settings {
             (energy_j, sensors.energy.is_some(), "[sensors.energy], the batteries of the SNs, beside it"),
         ];
         match given.iter().find(|(weight, is_given, _)| *weight > 0.0 && !is_given) {
-            Some((.., expected)) => refuse(expected),
+            Some(&(.., expected)) => refuse(expected),
             None => Ok(()),
         }
     }
