@@ -86,19 +86,12 @@ impl Planner {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        Self::until(scenario, sensors, &Stop::default())
-    }
-
-    /// The same; `stop` ends long preparations and searches. A plan made after the request must not be flown.
-    ///
-    /// # Errors
-    /// As [`Planner::new`].
-    pub fn until(scenario: &Scenario, sensors: &[SensorNode], stop: &Stop) -> Result<Self, InputError> {
         let make = Registered::of(scenario)?.make;
-        Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)
+        Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), &Stop::default())
     }
 
-    /// The planner with the strategy that `make` makes instead of the scenario's.
+    /// The planner with the strategy that `make` makes instead of the scenario's. `stop` ends long preparations and
+    /// searches; a plan made after the request must not be flown.
     ///
     /// # Errors
     /// As [`Planner::new`], and those of `make`.
