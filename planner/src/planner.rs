@@ -34,7 +34,7 @@ use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team,
 pub struct Planner {
     /// The name in the scenario.
     strategy_name: String,
-    table: MissionTable,
+    pub(crate) table: MissionTable,
     strategy: Box<dyn Strategy>,
     rules: RuleBook,
     belief: Belief,
@@ -42,8 +42,9 @@ pub struct Planner {
     battery: BatteryState,
     /// The queues that the SNs of the last plan report if they are served.
     reported: ReportedQueues,
-    timing: Timing,
-    stop: Stop,
+    pub(crate) timing: Timing,
+    /// Ends long searches.
+    pub(crate) stop: Stop,
     /// The last planned slot; 0 before the first.
     slot: u64,
     /// What this UAV hears at the beginning of the slot to plan; `None` without `link.beacon_radius_m`.
@@ -135,23 +136,6 @@ impl Planner {
             left_bits: Vec::new(),
             table,
         })
-    }
-
-    /// Sets what paces the mission; [`Timing::Free`] by default. In a paced mission a search may end by time, so that
-    /// results depend on time.
-    pub fn set_timing(&mut self, timing: Timing) {
-        self.timing = timing;
-    }
-
-    /// Lets `stop` end long searches. A plan made after the request must not be flown.
-    pub fn set_stop(&mut self, stop: &Stop) {
-        self.stop = stop.clone();
-    }
-
-    /// The stop request that ends long searches.
-    #[must_use]
-    pub fn stop(&self) -> &Stop {
-        &self.stop
     }
 
     /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the
@@ -265,10 +249,6 @@ impl Planner {
         let belief = believed(belief, slot, table, queues_bits, &[], left_bits);
         let (battery, timing, neighbours) = (self.battery, self.timing, Some(neighbours));
         strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
-    }
-
-    pub(crate) fn table(&self) -> &MissionTable {
-        &self.table
     }
 
     /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.

@@ -182,20 +182,21 @@ impl FleetPlanner {
         })
     }
 
-    /// Sets what paces the mission ([`Planner::set_timing`]).
+    /// Sets what paces the mission; [`Timing::Free`] by default. In a paced mission a search may end by time, so that
+    /// results depend on time.
     pub fn set_timing(&mut self, timing: Timing) {
-        self.members.iter_mut().for_each(|member| member.planner.set_timing(timing));
+        self.members.iter_mut().for_each(|member| member.planner.timing = timing);
     }
 
-    /// Lets `stop` end long searches ([`Planner::set_stop`]).
+    /// Lets `stop` end long searches. A plan made after the request must not be flown.
     pub fn set_stop(&mut self, stop: &Stop) {
-        self.members.iter_mut().for_each(|member| member.planner.set_stop(stop));
+        self.members.iter_mut().for_each(|member| member.planner.stop = stop.clone());
     }
 
     /// The stop request that ends long searches.
     #[must_use]
     pub fn stop(&self) -> &Stop {
-        self.members[0].planner.stop()
+        &self.members[0].planner.stop
     }
 
     /// Takes in what the UAVs hear after `flights`, by UAV and SN, in every slot before [`Self::observe`]. UAVs that plan
@@ -254,7 +255,7 @@ impl FleetPlanner {
             shared.tell(uav, intents);
             let scheduled: &[u32] = if is_sequential { &shared.scheduled } else { &[] };
             let told = is_sequential.then_some(&shared.intents[..]);
-            let reserved = reservations.others_of(planner.table(), slot, uav, *endurance);
+            let reserved = reservations.others_of(&planner.table, slot, uav, *endurance);
             let neighbours = Neighbours { uav, flights, scheduled, intents: told, reservations: reserved };
             let neighbours = Some(&neighbours).filter(|_| *coordination != Coordination::Independent);
             let own_bits = subfield.as_mut().map_or(queues_bits, |subfield| subfield.select(queues_bits));
@@ -269,7 +270,7 @@ impl FleetPlanner {
             }
             plan.plan_ns = u64::try_from((before + begin.elapsed()).as_nanos()).unwrap_or(u64::MAX);
             shared.scheduled.extend_from_slice(plan.scheduled());
-            reservations.reserve(planner.table(), slot, uav, &flight.position().xy(), &plan);
+            reservations.reserve(&planner.table, slot, uav, &flight.position().xy(), &plan);
             plans.push(plan);
         }
         if is_sequential {
@@ -308,7 +309,7 @@ impl FleetPlanner {
             }
         }
         reservations.begin(members.iter().zip(flights).map(|(member, flight)| {
-            let (table, ground) = (member.planner.table(), flight.position().xy());
+            let (table, ground) = (&member.planner.table, flight.position().xy());
             let has_ended = slot > member.last.saturating_add(table.motion.move_slots());
             (!has_ended || !table.is_home(&ground)).then_some(ground)
         }));
