@@ -22,7 +22,6 @@ use skysink_common::stop::Stop;
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
-use crate::operator_counts::OperatorCounts;
 use crate::rules::{Duty, RuleBook, Ruled};
 use crate::settings;
 use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team, Timing, View};
@@ -35,9 +34,10 @@ pub struct Planner {
     /// The name in the scenario.
     strategy_name: String,
     pub(crate) table: MissionTable,
-    strategy: Box<dyn Strategy>,
+    pub(crate) strategy: Box<dyn Strategy>,
     rules: RuleBook,
-    belief: Belief,
+    /// Of the queues after the last observed slot.
+    pub(crate) belief: Belief,
     /// After the last observed flight.
     battery: BatteryState,
     /// The queues that the SNs of the last plan report if they are served.
@@ -277,18 +277,6 @@ impl Planner {
         let mut bytes = Vec::new();
         self.save(&mut bytes);
         !bytes.is_empty()
-    }
-
-    /// What became of the changes that its strategy's searches proposed, by operator ([`Strategy::counts`]).
-    #[must_use]
-    pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
-        self.strategy.counts()
-    }
-
-    /// What the UAV believes of the queues after the last observed slot.
-    #[must_use]
-    pub fn belief(&self) -> &Belief {
-        &self.belief
     }
 
     /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only

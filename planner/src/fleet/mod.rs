@@ -350,7 +350,7 @@ impl FleetPlanner {
     #[must_use]
     pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
         let mut all: Vec<(&'static str, OperatorCounts)> = Vec::new();
-        for (name, counts) in self.members.iter().flat_map(|member| member.planner.counts()) {
+        for (name, counts) in self.members.iter().flat_map(|member| member.planner.strategy.counts()) {
             match all.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, sum)) => sum.add(&counts),
                 None => all.push((name, counts)),
@@ -362,7 +362,7 @@ impl FleetPlanner {
     /// What the first UAV believes of the queues after the last observed slot.
     #[must_use]
     pub fn belief(&self) -> &Belief {
-        self.members[0].planner.belief()
+        &self.members[0].planner.belief
     }
 
     /// The waypoints of the last plan of the UAV number `uav` ([`Planner::path`]).

@@ -65,7 +65,7 @@ pub struct Forecast<O: Objective> {
     change: Change,
     decoder: Decoder,
     /// Where plans do not hover.
-    timelines: Timelines<O>,
+    pub(super) timelines: Timelines<O>,
     /// Where they do, and the buffers.
     states: States<O>,
     work: Vec<O::Level>,
@@ -112,12 +112,6 @@ impl<O: Objective> Forecast<O> {
         let all = (0..).zip(model.sensors.iter().zip(&self.window.levels).map(queue_bits)).zip(&model.sensors);
         let open = all.filter(|((_, bits), sensor)| O::HOVERS && (*bits > 0.0 || sensor.mean_bits > 0.0));
         open.map(|(open, _)| open).collect()
-    }
-
-    /// The buffers after the last visit, by sensor.
-    #[must_use]
-    pub fn levels(&self) -> Vec<O::Level> {
-        self.timelines.levels()
     }
 
     /// Sets `work` to the state before leg `leg` of a plan that hovers; returns the cost until then.
