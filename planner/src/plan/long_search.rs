@@ -147,7 +147,7 @@ impl<O: Objective> CarriedPlan<O> {
                 let next = WATCHED.min(end - done);
                 let counts = &mut self.counts;
                 let mut search = SearchSteps { is_over: &|| false, random: &mut *random, counts, patience: u64::MAX };
-                anneal(model, forecast, Cooling::everywhere(far), next, &mut search, None);
+                anneal(model, forecast, Cooling::Everywhere(far), next, &mut search, None);
                 done += next;
                 watch(SearchProgress { steps: done, cost: best.0 })?;
             }
