@@ -64,7 +64,8 @@ impl Settings {
     /// Refuses a knowledge of links that there is no way to have.
     fn check_links(&self, scenario: &Scenario) -> Result<(), InputError> {
         let (Some(links), link) = (self.links, &scenario.link) else { return Ok(()) };
-        let refuse = |expected| Err(scenario.refusal("planner.links", &links.name().into(), expected));
+        let name = LinkKnowledge::VARIANTS[links as usize];
+        let refuse = |expected| Err(scenario.refusal("planner.links", &name.into(), expected));
         let (is_map, is_heard) = (link.model == LinkModel::Map, links == LinkKnowledge::Heard);
         match () {
             () if is_heard && !is_map && !link.stays_in_sight() => {
@@ -88,12 +89,9 @@ impl Settings {
         let ObjectiveWeights { loss, age, peak_age, deadline, expiry, energy_j } = weights;
         let all = [loss, age, peak_age, deadline, expiry, energy_j];
         let is_weight = |weight: &f64| (0.0..=MOST_WEIGHT).contains(weight);
+        let refuse = |expected| Err(scenario.refusal("planner.objective", &self.objective.value(), expected));
         if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
-            return Err(scenario.refusal(
-                "planner.objective",
-                &self.objective.value(),
-                "weights from 0 to 1e12, not all 0",
-            ));
+            return refuse("weights from 0 to 1e12, not all 0");
         }
         let sensors = &scenario.sensors;
         let given = [
@@ -102,7 +100,7 @@ impl Settings {
             (energy_j, sensors.energy.is_some(), "[sensors.energy], the batteries of the SNs, beside it"),
         ];
         match given.iter().find(|(weight, is_given, _)| *weight > 0.0 && !is_given) {
-            Some((.., expected)) => Err(scenario.refusal("planner.objective", &self.objective.value(), expected)),
+            Some(&(.., expected)) => refuse(expected),
             None => Ok(()),
         }
     }
@@ -176,13 +174,6 @@ pub enum LinkKnowledge {
     Law,
     /// A law, corrected by the SNRs that were heard.
     Heard,
-}
-
-impl LinkKnowledge {
-    /// Its name in a scenario.
-    fn name(self) -> &'static str {
-        Self::VARIANTS[self as usize]
-    }
 }
 
 /// What plans over many slots are made for (decision D36).

@@ -25,6 +25,7 @@
 
 pub mod assumed_link;
 pub mod bound;
+mod cone_program;
 pub mod fleet;
 pub mod gap_costs;
 pub mod geometry;

@@ -163,7 +163,8 @@ impl MissionTable {
     /// and so may serve it.
     #[must_use]
     pub fn may_serve_next(&self, from: &Position, sensor: &Position) -> bool {
-        self.motion.is_next(from, &Disk { centre: *sensor, radius_m: self.limits.comm_radius_m })
+        let range = Disk { centre: *sensor, radius_m: self.limits.comm_radius_m };
+        self.airspace.is_open() || self.motion.slots_into(from, &range) <= self.motion.move_slots() as f64
     }
 
     /// The value of a queue of `queue_bits` [bit] of SN `id`, by which strategies compare queues: its bits where all

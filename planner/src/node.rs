@@ -136,7 +136,6 @@ fn run_with<S: Service + 'static>(
         Some(make) => FleetPlanner::by(scenario, nodes.payload(), make, stop)?,
         None => FleetPlanner::until(scenario, nodes.payload(), stop)?,
     };
-    planner.set_stop(stop);
     let is_paced = ring.terms.pace != Pace::Max;
     if is_paced {
         planner.set_timing(Timing::Paced);

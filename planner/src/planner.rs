@@ -22,7 +22,6 @@ use skysink_common::stop::Stop;
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
-use crate::operator_counts::OperatorCounts;
 use crate::rules::{Duty, RuleBook, Ruled};
 use crate::settings;
 use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team, Timing, View};
@@ -34,16 +33,18 @@ use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team,
 pub struct Planner {
     /// The name in the scenario.
     strategy_name: String,
-    table: MissionTable,
-    strategy: Box<dyn Strategy>,
+    pub(crate) table: MissionTable,
+    pub(crate) strategy: Box<dyn Strategy>,
     rules: RuleBook,
-    belief: Belief,
+    /// Of the queues after the last observed slot.
+    pub(crate) belief: Belief,
     /// After the last observed flight.
     battery: BatteryState,
     /// The queues that the SNs of the last plan report if they are served.
     reported: ReportedQueues,
-    timing: Timing,
-    stop: Stop,
+    pub(crate) timing: Timing,
+    /// Ends long searches.
+    pub(crate) stop: Stop,
     /// The last planned slot; 0 before the first.
     slot: u64,
     /// What this UAV hears at the beginning of the slot to plan; `None` without `link.beacon_radius_m`.
@@ -86,28 +87,12 @@ impl Planner {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        Self::until(scenario, sensors, &Stop::default())
-    }
-
-    /// The same; `stop` ends long preparations and searches. A plan made after the request must not be flown.
-    ///
-    /// # Errors
-    /// As [`Planner::new`].
-    pub fn until(scenario: &Scenario, sensors: &[SensorNode], stop: &Stop) -> Result<Self, InputError> {
         let make = Registered::of(scenario)?.make;
-        Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)
+        Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), &Stop::default())
     }
 
-    /// The planner of a scenario with these sensor nodes, whatever the cells of their grid.
-    ///
-    /// # Errors
-    /// As [`Planner::new`].
-    pub fn over(scenario: &Scenario, sensors: Arc<Sensors>) -> Result<Self, InputError> {
-        let make = Registered::of(scenario)?.make;
-        Self::build(scenario, sensors, &mut |setup| Ok(make(setup)), None, &Stop::default())
-    }
-
-    /// The planner with the strategy that `make` makes instead of the scenario's.
+    /// The planner with the strategy that `make` makes instead of the scenario's. `stop` ends long preparations and
+    /// searches; a plan made after the request must not be flown.
     ///
     /// # Errors
     /// As [`Planner::new`], and those of `make`.
@@ -117,21 +102,14 @@ impl Planner {
         make: &mut MakeStrategy<'_>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
-        Self::in_team(scenario, sensors, make, None, stop)
+        Self::over(scenario, Arc::new(Sensors::of(scenario, sensors)), make, None, stop)
     }
 
-    /// The planner of a UAV of a team.
-    pub(crate) fn in_team(
-        scenario: &Scenario,
-        sensors: &[SensorNode],
-        make: &mut MakeStrategy<'_>,
-        team: Option<Team<'_>>,
-        stop: &Stop,
-    ) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, team, stop)
-    }
-
-    fn build(
+    /// The same for a UAV of a team, with these sensor nodes, whatever the cells of their grid.
+    ///
+    /// # Errors
+    /// As [`Planner::by`].
+    pub fn over(
         scenario: &Scenario,
         sensors: Arc<Sensors>,
         make: &mut MakeStrategy<'_>,
@@ -158,23 +136,6 @@ impl Planner {
             left_bits: Vec::new(),
             table,
         })
-    }
-
-    /// Sets what paces the mission; [`Timing::Free`] by default. In a paced mission a search may end by time, so that
-    /// results depend on time.
-    pub fn set_timing(&mut self, timing: Timing) {
-        self.timing = timing;
-    }
-
-    /// Lets `stop` end long searches. A plan made after the request must not be flown.
-    pub fn set_stop(&mut self, stop: &Stop) {
-        self.stop = stop.clone();
-    }
-
-    /// The stop request that ends long searches.
-    #[must_use]
-    pub fn stop(&self) -> &Stop {
-        &self.stop
     }
 
     /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the
@@ -290,11 +251,6 @@ impl Planner {
         strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
     }
 
-    /// The constant data of its mission.
-    pub(crate) fn table(&self) -> &MissionTable {
-        &self.table
-    }
-
     /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.
     pub(crate) fn claimed_visits(&self, slot: u64, id: u32) -> impl Iterator<Item = PlannedVisit> {
         let last = self.table.limits.slots.max(slot);
@@ -321,18 +277,6 @@ impl Planner {
         let mut bytes = Vec::new();
         self.save(&mut bytes);
         !bytes.is_empty()
-    }
-
-    /// What became of the changes that its strategy's searches proposed, by operator ([`Strategy::counts`]).
-    #[must_use]
-    pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
-        self.strategy.counts()
-    }
-
-    /// What the UAV believes of the queues after the last observed slot.
-    #[must_use]
-    pub fn belief(&self) -> &Belief {
-        &self.belief
     }
 
     /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only
@@ -403,7 +347,6 @@ fn believed<'a>(
     believed
 }
 
-/// The message for `decision`.
 fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
     let Decision { waypoint, schedule, outcome, winner } = decision;
     let mut plan = Plan::fly_to(*waypoint, mode);

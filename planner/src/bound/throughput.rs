@@ -21,12 +21,8 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
             break;
         }
         carried.clear();
-        for &index in &overflowing {
-            let sensor = &field.sensors[index];
-            if sensor.is_reached(slot) {
-                carried.push(link_bits(slot, index).min(sensor.sampler.capacity_bits.into()));
-            }
-        }
+        let reached = overflowing.iter().filter(|index| field.sensors[**index].is_reached(slot));
+        carried.extend(reached.map(|&index| link_bits(slot, index).min(field.sensors[index].buffer_bits())));
         let blocks = field.blocks.min(carried.len());
         if blocks < carried.len() {
             carried.select_nth_unstable_by(blocks, |a, b| b.cmp(a));

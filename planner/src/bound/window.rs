@@ -50,7 +50,6 @@ impl WindowField {
     /// At most `n K` sensors are served in K slots. A sensor that is not served in the K slots before slot t loses in
     /// slot t at least as much as if it was emptied just before them or, if these are all slots since the start, as if
     /// unserved. So the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
-    #[must_use]
     fn least_loss_by_visits(&self) -> f64 {
         let most = |slots: i32| self.blocks.saturating_mul(slots as usize);
         let mut fills: Vec<f64> = self.sensors.iter().map(|sensor| sensor.fill_slots.ceil()).collect();
@@ -87,7 +86,6 @@ impl WindowField {
 
     /// Lower bound on the loss [bit] by throughput: stored and sampled bits, less the buffers, less the capacity of n
     /// of the best links in every slot.
-    #[must_use]
     fn least_loss_by_throughput(&self) -> f64 {
         let slots = f64::from(self.slots);
         let mut excess_bits = 0.0;

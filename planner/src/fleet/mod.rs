@@ -4,16 +4,17 @@
 
 mod partition;
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HeardLink, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Coordination, Scenario};
+use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use toml::Value;
@@ -34,13 +35,11 @@ const SPARE_MOVES: u64 = 3;
 pub struct FleetPlanner {
     members: ByUav<Member>,
     coordination: Coordination,
-    /// The places that are reserved for them.
     reservations: ReservationTable,
     /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
     claims: Vec<Vec<u32>>,
     /// What each UAV plans to serve.
     intents: Vec<Vec<PlannedVisit>>,
-    /// Working memory of a slot.
     shared: Shared,
 }
 
@@ -84,6 +83,11 @@ struct Subfield {
 }
 
 impl Subfield {
+    /// The number of the SN `id`, if it is one of them.
+    fn number(&self, id: u32) -> Option<u32> {
+        self.ids.binary_search(&id).ok().map(|number| number as u32)
+    }
+
     /// The queues of its SNs [bit].
     fn select(&mut self, queues_bits: &[u32]) -> &[u32] {
         self.queues_bits.clear();
@@ -95,8 +99,8 @@ impl Subfield {
     fn numbered(&self, flight: &FlightReport) -> FlightReport {
         let mut own = FlightReport { served: 0, links: [LinkReport::default(); MAX_SERVED], ..*flight };
         for link in flight.served_links() {
-            if let Ok(number) = self.ids.binary_search(&link.sensor) {
-                own.links[own.served as usize] = LinkReport { sensor: number as u32, ..*link };
+            if let Some(sensor) = self.number(link.sensor) {
+                own.links[own.served as usize] = LinkReport { sensor, ..*link };
                 own.served += 1;
             }
         }
@@ -155,24 +159,17 @@ impl FleetPlanner {
         let separation_m = reservations.nothing(scenario.slots).separation_m;
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
-        let mut parts = match coordination {
-            Coordination::Partition => {
-                partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop).into_iter()
-            }
-            _ => Vec::new().into_iter(),
-        };
+        let cut = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+        let mut parts = (coordination == Coordination::Partition).then(cut).into_iter().flatten();
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let member = |(uav, alone): (usize, &Scenario)| {
-            let (last, endurance) = (alone.slots, scenario.slots_of(uav));
-            let Some(ids) = parts.next() else {
-                let team = Team { uav, starts: &starts };
-                let team = Some(team).filter(|_| coordination == Coordination::Sequential);
-                let planner = Planner::in_team(alone, sensors, make, team, stop)?;
-                return Ok(Member { planner, last, endurance, subfield: None });
-            };
-            let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
-            let planner = Planner::by(alone, &own, make, stop)?;
-            Ok(Member { planner, last, endurance, subfield: Some(Subfield { ids, queues_bits: Vec::new() }) })
+            let subfield = parts.next().map(|ids| Subfield { ids, queues_bits: Vec::new() });
+            let nodes = |subfield: &Subfield| subfield.ids.iter().map(|&id| sensors[id as usize]).collect();
+            let own: Option<Vec<SensorNode>> = subfield.as_ref().map(nodes);
+            let own = Arc::new(Sensors::of(alone, own.as_deref().unwrap_or(sensors)));
+            let team = (coordination == Coordination::Sequential).then_some(Team { uav, starts: &starts });
+            let planner = Planner::over(alone, own, make, team, stop)?;
+            Ok(Member { planner, last: alone.slots, endurance: scenario.slots_of(uav), subfield })
         };
         let members = alone.iter().enumerate().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
         Ok(Self {
@@ -185,20 +182,21 @@ impl FleetPlanner {
         })
     }
 
-    /// Sets what paces the mission ([`Planner::set_timing`]).
+    /// Sets what paces the mission; [`Timing::Free`] by default. In a paced mission a search may end by time, so that
+    /// results depend on time.
     pub fn set_timing(&mut self, timing: Timing) {
-        self.members.iter_mut().for_each(|member| member.planner.set_timing(timing));
+        self.members.iter_mut().for_each(|member| member.planner.timing = timing);
     }
 
-    /// Lets `stop` end long searches ([`Planner::set_stop`]).
+    /// Lets `stop` end long searches. A plan made after the request must not be flown.
     pub fn set_stop(&mut self, stop: &Stop) {
-        self.members.iter_mut().for_each(|member| member.planner.set_stop(stop));
+        self.members.iter_mut().for_each(|member| member.planner.stop = stop.clone());
     }
 
     /// The stop request that ends long searches.
     #[must_use]
     pub fn stop(&self) -> &Stop {
-        self.members[0].planner.stop()
+        &self.members[0].planner.stop
     }
 
     /// Takes in what the UAVs hear after `flights`, by UAV and SN, in every slot before [`Self::observe`]. UAVs that plan
@@ -208,9 +206,8 @@ impl FleetPlanner {
             let is_alone = subfield.is_some() || self.coordination == Coordination::Independent;
             let known = links.iter().filter(|link| !is_alone || link.uav as usize == uav);
             match subfield {
-                Some(Subfield { ids, .. }) => {
-                    let number = |link: &HeardLink| Some(ids.binary_search(&link.sensor).ok()? as u32);
-                    let own = |link: &HeardLink| Some(HeardLink { sensor: number(link)?, ..*link });
+                Some(subfield) => {
+                    let own = |link: &HeardLink| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link });
                     planner.hear(uav, flights, known.filter_map(own));
                 }
                 None => planner.hear(uav, flights, known.copied()),
@@ -258,7 +255,7 @@ impl FleetPlanner {
             shared.tell(uav, intents);
             let scheduled: &[u32] = if is_sequential { &shared.scheduled } else { &[] };
             let told = is_sequential.then_some(&shared.intents[..]);
-            let reserved = reservations.others_of(planner.table(), slot, uav, *endurance);
+            let reserved = reservations.others_of(&planner.table, slot, uav, *endurance);
             let neighbours = Neighbours { uav, flights, scheduled, intents: told, reservations: reserved };
             let neighbours = Some(&neighbours).filter(|_| *coordination != Coordination::Independent);
             let own_bits = subfield.as_mut().map_or(queues_bits, |subfield| subfield.select(queues_bits));
@@ -273,7 +270,7 @@ impl FleetPlanner {
             }
             plan.plan_ns = u64::try_from((before + begin.elapsed()).as_nanos()).unwrap_or(u64::MAX);
             shared.scheduled.extend_from_slice(plan.scheduled());
-            reservations.reserve(planner.table(), slot, uav, &flight.position().xy(), &plan);
+            reservations.reserve(&planner.table, slot, uav, &flight.position().xy(), &plan);
             plans.push(plan);
         }
         if is_sequential {
@@ -312,7 +309,7 @@ impl FleetPlanner {
             }
         }
         reservations.begin(members.iter().zip(flights).map(|(member, flight)| {
-            let (table, ground) = (member.planner.table(), flight.position().xy());
+            let (table, ground) = (&member.planner.table, flight.position().xy());
             let has_ended = slot > member.last.saturating_add(table.motion.move_slots());
             (!has_ended || !table.is_home(&ground)).then_some(ground)
         }));
@@ -328,8 +325,7 @@ impl FleetPlanner {
             let own = scheduled_by(plan);
             match subfield {
                 Some(subfield) => {
-                    let number = |id: &u32| subfield.ids.binary_search(id).ok().map(|number| number as u32);
-                    let own: Vec<u32> = own.iter().filter_map(number).collect();
+                    let own: Vec<u32> = own.into_iter().filter_map(|id| subfield.number(id)).collect();
                     planner.await_reports(slot, &own, subfield.select(queues_bits));
                 }
                 None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, queues_bits),
@@ -354,7 +350,7 @@ impl FleetPlanner {
     #[must_use]
     pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
         let mut all: Vec<(&'static str, OperatorCounts)> = Vec::new();
-        for (name, counts) in self.members.iter().flat_map(|member| member.planner.counts()) {
+        for (name, counts) in self.members.iter().flat_map(|member| member.planner.strategy.counts()) {
             match all.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, sum)) => sum.add(&counts),
                 None => all.push((name, counts)),
@@ -366,7 +362,7 @@ impl FleetPlanner {
     /// What the first UAV believes of the queues after the last observed slot.
     #[must_use]
     pub fn belief(&self) -> &Belief {
-        self.members[0].planner.belief()
+        &self.members[0].planner.belief
     }
 
     /// The waypoints of the last plan of the UAV number `uav` ([`Planner::path`]).
@@ -409,16 +405,11 @@ pub fn require_one(scenario: &Scenario) -> Result<(), InputError> {
     }
 }
 
-/// The checkpoint of a planner.
 fn saved(planner: &Planner) -> Vec<u8> {
     let mut bytes = Vec::new();
     planner.save(&mut bytes);
     bytes
 }
-
-/// The checkpoint of several planners.
-#[derive(Serialize, Deserialize)]
-struct Saved(Vec<Vec<u8>>);
 
 impl Checkpoint for FleetPlanner {
     /// That of the planner with one UAV. Appends nothing if no planner has a state.
@@ -428,7 +419,7 @@ impl Checkpoint for FleetPlanner {
         }
         let all: Vec<Vec<u8>> = self.members.iter().map(|member| saved(&member.planner)).collect();
         if all.iter().any(|bytes| !bytes.is_empty()) {
-            encode(&Saved(all), bytes);
+            encode(&all, bytes);
         }
     }
 
@@ -436,7 +427,7 @@ impl Checkpoint for FleetPlanner {
         if let [only] = &mut self.members[..] {
             return only.planner.restore(bytes);
         }
-        let Saved(all) = if bytes.is_empty() { Saved(vec![Vec::new(); self.members.len()]) } else { decode(bytes)? };
+        let all: Vec<Vec<u8>> = if bytes.is_empty() { vec![Vec::new(); self.members.len()] } else { decode(bytes)? };
         CheckpointError::ensure(all.len() == self.members.len(), "a state of each UAV")?;
         let before: Vec<Vec<u8>> = self.members.iter().map(|member| saved(&member.planner)).collect();
         let restored = self.members.iter_mut().zip(&all).try_for_each(|(member, bytes)| member.planner.restore(bytes));

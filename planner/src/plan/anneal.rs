@@ -22,13 +22,11 @@ const CHECK_STEPS: u64 = 8;
 /// The temperature of a search: the cost that is accepted with probability 1/e.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cooling {
-    /// For a plan whose first slot is flown next: lower for changes in the next slots.
-    Receding {
-        /// Of a change at least 60 slots ahead.
-        far: f64,
-        /// Of a change in the next slot, as a fraction of it.
-        near_fraction: f64,
-    },
+    /// The same for all changes.
+    Everywhere(f64),
+    /// That of a change at least 60 slots ahead, for a plan whose first slot is flown next: lower for changes in the next
+    /// slots.
+    FarAhead(f64),
     /// Falling from the first step to the last.
     Geometric {
         /// In the first step.
@@ -39,22 +37,11 @@ pub enum Cooling {
 }
 
 impl Cooling {
-    /// One temperature for all changes.
-    #[must_use]
-    pub fn everywhere(temperature: f64) -> Self {
-        Self::Receding { far: temperature, near_fraction: 1.0 }
-    }
-
-    /// Lower for changes in the next slots: those at least 60 slots ahead have the temperature `far`.
-    #[must_use]
-    pub fn far_ahead(far: f64) -> Self {
-        Self::Receding { far, near_fraction: NEAR_FRACTION }
-    }
-
     /// Of a change in `slot` of the window, after a fraction `along` of the steps.
     fn at(&self, slot: i32, along: f64) -> f64 {
         match *self {
-            Self::Receding { far, near_fraction } => far * (f64::from(slot) / FAR_SLOTS).clamp(near_fraction, 1.0),
+            Self::Everywhere(temperature) => temperature,
+            Self::FarAhead(far) => far * (f64::from(slot) / FAR_SLOTS).clamp(NEAR_FRACTION, 1.0),
             Self::Geometric { first, last } => first * (last / first).powf(along),
         }
     }
@@ -140,7 +127,7 @@ mod tests {
 
     #[test]
     fn the_temperature_of_a_change_grows_with_the_slots_ahead() {
-        let cooling = Cooling::far_ahead(100.0);
+        let cooling = Cooling::FarAhead(100.0);
         assert_eq!([0, 1, 30, 60, 500].map(|slot| cooling.at(slot, 0.5)), [2.0, 2.0, 50.0, 100.0, 100.0]);
         let falling = Cooling::Geometric { first: 100.0, last: 1.0 };
         assert_eq!([0.0, 0.5, 1.0].map(|along| falling.at(7, along)), [100.0, 10.0, 1.0]);
@@ -156,7 +143,7 @@ mod tests {
         let mut counts = [OperatorCounts::default(); 5];
         let random = &mut ChaCha8Rng::seed_from_u64(1);
         let mut search = SearchSteps { is_over: &|| false, random, counts: &mut counts, patience: u64::MAX };
-        anneal(&mut model, &mut forecast, Cooling::everywhere(0.0), 50, &mut search, None);
+        anneal(&mut model, &mut forecast, Cooling::Everywhere(0.0), 50, &mut search, None);
         assert_ne!(forecast.stops(), [PlannedStop::at(0)]);
         assert_eq!(forecast.cost, 0.0);
         let [proposed, accepted] = [|count: &OperatorCounts| count.proposed, |count: &OperatorCounts| count.accepted]

@@ -1,15 +1,15 @@
 //! The look-ahead: the plan of least predicted cost over many slots, carried from slot to slot and improved in each.
 
-mod checkpoint;
-
 use std::marker::PhantomData;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Uncertainty;
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::FlightReport;
-use skysink_common::random::{Purpose, Streams};
+use skysink_common::random::Streams;
 use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 
@@ -73,20 +73,20 @@ pub struct CarriedPlan<O: Objective> {
     pub(super) counts: Vec<OperatorCounts>,
     /// The slot of the last service of each SN, 0 before the first; empty unless ages count.
     served: Vec<u32>,
+    /// The remaining stops.
+    pub(super) stops: Vec<PlannedStop>,
     pub(super) plan: PlanState,
     objective: PhantomData<O>,
 }
 
-/// The plan carried from slot to slot, and how it is searched for.
-#[derive(Debug, Clone)]
+/// How the plan is searched for, and flown.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct PlanState {
-    /// The remaining stops.
-    stops: Vec<PlannedStop>,
     /// Temperature of the next search, 0 to 1: the cost accepted with probability 1/e, as a fraction of the mean cost
     /// per stop beyond the bound.
     pub(super) temperature: f64,
     /// Whether it has searched.
-    has_begun: bool,
+    pub(super) has_begun: bool,
     /// The slot before which searches were made in part; 0 if they were not.
     advanced: u64,
     /// Whether the UAV is on its way to the first stop, where plans hover.
@@ -94,7 +94,17 @@ pub(super) struct PlanState {
     /// Searches in vain in a row, where plans hover: each next one takes half as many steps.
     pub(super) vain_searches: u32,
     /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
-    waypoint: Option<Position>,
+    waypoint: Option<[f64; 2]>,
+}
+
+/// The checkpoint of a look-ahead. Points, by their numbers, are positions [m] and sensors.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    stops: Vec<PlannedStop>,
+    points: Vec<([f64; 2], u32)>,
+    plan: PlanState,
+    counts: Vec<OperatorCounts>,
+    served: Vec<u32>,
 }
 
 impl<O: Objective> CarriedPlan<O> {
@@ -107,11 +117,12 @@ impl<O: Objective> CarriedPlan<O> {
         let Setup { scenario, belief, stop, .. } = *setup;
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
-        let weights = setup.settings.objective.weights();
-        let costs = weights.map(|weights| {
-            GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
-        });
-        let costs = costs.filter(|_| O::COUNTS_AGES).unwrap_or(GapCosts::LOSS);
+        let costs = match setup.settings.objective.weights() {
+            Some(weights) if O::COUNTS_AGES => {
+                GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
+            }
+            _ => GapCosts::LOSS,
+        };
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
             let sampling = sensors.sampling.with_means(mean_bits);
@@ -128,15 +139,8 @@ impl<O: Objective> CarriedPlan<O> {
             beside_m: if O::HOVERS { MOST_DEVIATIONS * scenario.uav.position_error_m.unwrap_or(0.0) } else { 0.0 },
             counts: vec![OperatorCounts::default(); operators::<O>().len()],
             served: if O::COUNTS_AGES { vec![0; sensors.count()] } else { Vec::new() },
-            plan: PlanState {
-                stops: Vec::new(),
-                temperature: FIRST_TEMPERATURE,
-                has_begun: false,
-                advanced: 0,
-                is_under_way: false,
-                vain_searches: 0,
-                waypoint: None,
-            },
+            stops: Vec::new(),
+            plan: PlanState { temperature: FIRST_TEMPERATURE, ..PlanState::default() },
             objective: PhantomData,
         }
     }
@@ -161,9 +165,9 @@ impl<O: Objective> CarriedPlan<O> {
                 sensor.weight = if view.table.is_out(id) { 0.0 } else { weights.factor(index) };
                 sensor.cost_bits = sensor.weight * sensor.mean_bits;
             }
-            let first = self.plan.stops.first().copied();
-            self.plan.stops.retain(|stop| !self.model.is_dead(stop.disk)); // a silent one may send again
-            self.plan.is_under_way &= self.plan.stops.first().copied() == first;
+            let first = self.stops.first().copied();
+            self.stops.retain(|stop| !self.model.is_dead(stop.disk)); // a silent one may send again
+            self.plan.is_under_way &= self.stops.first().copied() == first;
         }
         if !belief.is_estimated() {
             return;
@@ -212,11 +216,11 @@ impl<O: Objective> CarriedPlan<O> {
         }
         let mut forecast = Forecast::new(&self.model, self.window(view));
         if O::HOVERS {
-            forecast.load(&self.model, self.plan.stops.iter().copied());
-        } else if self.plan.stops.is_empty() {
+            forecast.load(&self.model, self.stops.iter().copied());
+        } else if self.stops.is_empty() {
             start::begin(&self.model, &mut forecast);
         } else {
-            forecast.load(&self.model, self.plan.stops.iter().copied());
+            forecast.load(&self.model, self.stops.iter().copied());
             start::extend(&self.model, &mut forecast);
         }
         Some(forecast)
@@ -249,7 +253,7 @@ impl<O: Objective> CarriedPlan<O> {
     /// Whether it has searched, or carries a plan from the slot before.
     #[must_use]
     pub fn has_plan(&self) -> bool {
-        if O::HOVERS { self.plan.has_begun } else { !self.plan.stops.is_empty() }
+        if O::HOVERS { self.plan.has_begun } else { !self.stops.is_empty() }
     }
 
     /// Loads a first plan that hovers: see [`start::begin_at_points`]. `offered` are points, each with a sensor by its id.
@@ -277,14 +281,9 @@ impl<O: Objective> CarriedPlan<O> {
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
         if O::HOVERS {
             let is_first = !self.plan.has_begun;
-            let steps = match self.plan.has_begun {
-                false => first_steps,
-                true => {
-                    let steps = u64::from(self.keys.iterations);
-                    let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
-                    halved.max(steps.min(1))
-                }
-            };
+            let steps = u64::from(self.keys.iterations);
+            let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
+            let steps = if is_first { first_steps } else { halved.max(steps.min(1)) };
             self.plan.has_begun = true;
             return self.improve_points(view.slot, steps, is_first, forecast, is_over);
         }
@@ -307,27 +306,27 @@ impl<O: Objective> CarriedPlan<O> {
     /// hover all stops that are left.
     pub fn carry(&mut self, forecast: &Forecast<O>, waypoint: &Position) {
         let legs = &forecast.trace.legs;
-        self.plan.stops.clear();
+        self.stops.clear();
         if !O::HOVERS {
-            self.plan.stops.extend(legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
+            self.stops.extend(legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
             return;
         }
         let first = legs.partition_point(|leg| leg.end == 0);
-        self.plan.stops.extend(legs[first..].iter().map(|leg| leg.stop));
+        self.stops.extend(legs[first..].iter().map(|leg| leg.stop));
         self.plan.is_under_way = legs.get(first).is_some_and(|leg| leg.via.is_none());
-        if let Some(stop) = self.plan.stops.first_mut().filter(|_| self.plan.is_under_way)
+        if let Some(stop) = self.stops.first_mut().filter(|_| self.plan.is_under_way)
             && is_there(&forecast.window.start, waypoint)
         {
             stop.hovers = stop.hovers.saturating_sub(1);
         }
-        self.plan.waypoint = Some(*waypoint).filter(|_| self.beside_m > 0.0 && self.plan.is_under_way);
-        self.model.keep_points(&mut self.plan.stops);
+        self.plan.waypoint = (self.beside_m > 0.0 && self.plan.is_under_way).then_some((*waypoint).into());
+        self.model.keep_points(&mut self.stops);
     }
 
     /// Keeps the plan of `forecast`, of which nothing is flown yet, for the slot that it begins with.
     pub(crate) fn keep(&mut self, forecast: &Forecast<O>) {
-        self.plan.stops = forecast.stops();
-        self.model.keep_points(&mut self.plan.stops);
+        self.stops = forecast.stops();
+        self.model.keep_points(&mut self.stops);
     }
 
     /// Most steps of the long search.
@@ -346,14 +345,15 @@ impl<O: Objective> CarriedPlan<O> {
         let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
         // A UAV beside its waypoint has arrived: otherwise a hover would never be over.
         let ground = view.ground();
-        let start = self.plan.waypoint.filter(|at| within(at, &ground, self.beside_m)).unwrap_or(ground);
+        let arrived = self.plan.waypoint.map(Position::from).filter(|at| within(at, &ground, self.beside_m));
+        let start = arrived.unwrap_or(ground);
         let begun = view.slot.saturating_sub(1) as f64;
         let age_slots = |id: u32| self.served.get(id as usize).map_or(0.0, |served| begun - f64::from(*served));
         let mut window =
             PlanningWindow::new(&self.model, start, view.belief.queues_bits, age_slots, slots, left - slots)
                 .with_battery(view.slot.saturating_sub(1), view.battery.energy_j);
         if O::HOVERS {
-            window.under_way = self.plan.stops.first().filter(|_| self.plan.is_under_way).map(|stop| stop.disk);
+            window.under_way = self.stops.first().filter(|_| self.plan.is_under_way).map(|stop| stop.disk);
             // What other UAVs will take is theirs.
             for visit in view.intents().unwrap_or_default() {
                 if let Ok(sensor) = self.model.ids.binary_search(&visit.sensor) {
@@ -370,21 +370,39 @@ impl<O: Objective> CarriedPlan<O> {
     pub fn counts(&self) -> impl Iterator<Item = (&'static str, &OperatorCounts)> {
         operators::<O>().iter().map(|operator| operator.name).zip(&self.counts)
     }
+}
 
-    /// Begins the next search at this temperature.
-    pub(super) fn resume_at(&mut self, stops: Vec<PlannedStop>, temperature: f64) {
-        self.plan.stops = stops;
-        self.plan.temperature = temperature;
+impl<O: Objective> Checkpoint for CarriedPlan<O> {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let points = self.model.disks.iter().filter(|_| O::HOVERS);
+        let saved = Saved {
+            stops: self.stops.clone(),
+            points: points.map(|point| (point.disk.centre.into(), point.members[0])).collect(),
+            plan: self.plan.clone(),
+            counts: self.counts.clone(),
+            served: self.served.clone(),
+        };
+        encode(&saved, bytes);
     }
 
-    /// Notes that it has searched.
-    pub(super) fn begin(&mut self) {
-        self.plan.has_begun = true;
-    }
-
-    /// The random numbers of long search `search` before `slot`.
-    pub(super) fn long_random(&self, slot: u64, search: u32) -> rand_chacha::ChaCha8Rng {
-        self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), search)
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let Saved { stops, points, plan, counts, served } = decode(bytes)?;
+        CheckpointError::ensure((0.0..=1.0).contains(&plan.temperature), "a temperature from 0 to 1")?;
+        let disks = if O::HOVERS { points.len() } else { self.model.disks.len() };
+        CheckpointError::ensure(stops.iter().all(|stop| (stop.disk as usize) < disks), "stops of this field")?;
+        let is_point = |point: &[f64; 2]| point.iter().all(|coordinate_m| coordinate_m.is_finite());
+        let is_known =
+            |(point, sensor): &([f64; 2], u32)| (*sensor as usize) < self.model.sensors.len() && is_point(point);
+        CheckpointError::ensure(points.iter().all(is_known), "points of this field")?;
+        CheckpointError::ensure(plan.waypoint.iter().all(is_point), "a waypoint")?;
+        CheckpointError::ensure(counts.len() == self.counts.len(), "the operators of this objective")?;
+        CheckpointError::ensure(served.len() == self.served.len(), "a service of each sensor node")?;
+        if O::HOVERS {
+            self.model.disks.clear();
+            points.iter().for_each(|(point, sensor)| _ = self.model.add_point(*sensor, (*point).into(), 0));
+        }
+        (self.stops, self.plan, self.counts, self.served) = (stops, plan, counts, served);
+        Ok(())
     }
 }
 

@@ -185,7 +185,10 @@ impl Decoder {
         (self.via, self.hovered) = (None, 0);
         let disk = model.disk(stop.disk);
         let near = &model.disk(next.unwrap_or(stop).disk).centre;
-        let enter = |from: &Position| model.route_into::<O>(from, disk, near);
+        let enter = |from: &Position| match O::HOVERS {
+            true => model.route_to_point(from, disk),
+            false => model.table.motion.enter(from, disk, near),
+        };
         let mut route = enter(&self.at);
         let mut cost = 0.0;
         let home = model.table.home.as_ref();
@@ -263,7 +266,7 @@ impl Decoder {
     ) -> f64 {
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
         let least_bits = 1.5 * model.sensors[sensor].mean_bits + 0.5;
-        let wait = model.wait(&self.at);
+        let wait = model.table.motion.wait(&self.at);
         let mut cost = 0.0;
         for _ in 0..stop.hovers {
             let there_bits = O::queue_bits(&model.sensors[sensor], buffers.level(sensor), f64::from(self.slot + 1));

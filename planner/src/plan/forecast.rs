@@ -65,7 +65,7 @@ pub struct Forecast<O: Objective> {
     change: Change,
     decoder: Decoder,
     /// Where plans do not hover.
-    timelines: Timelines<O>,
+    pub(super) timelines: Timelines<O>,
     /// Where they do, and the buffers.
     states: States<O>,
     work: Vec<O::Level>,
@@ -114,12 +114,6 @@ impl<O: Objective> Forecast<O> {
         open.map(|(open, _)| open).collect()
     }
 
-    /// The buffers after the last visit, by sensor.
-    #[must_use]
-    pub fn levels(&self) -> Vec<O::Level> {
-        self.timelines.levels()
-    }
-
     /// Sets `work` to the state before leg `leg` of a plan that hovers; returns the cost until then.
     fn restore(&mut self, model: &PlanModel, leg: usize) -> f64 {
         let state = self.states.last_known(leg);
@@ -127,7 +121,9 @@ impl<O: Objective> Forecast<O> {
         let mut at = self.states.leg(state);
         for state in state + 1.. {
             let to = leg.min(self.states.leg(state));
-            cost = self.serve_legs(model, at, to, cost);
+            for visit in &self.trace.visits[self.trace.first_visit(at)..self.trace.first_visit(to)] {
+                cost += Buffers::<O>::serve(&mut self.work, model, visit);
+            }
             at = to;
             if to != self.states.leg(state) {
                 break;
@@ -137,19 +133,17 @@ impl<O: Objective> Forecast<O> {
         cost
     }
 
-    /// Applies the visits of the legs `from..to` to `work`; returns `cost` plus theirs.
-    fn serve_legs(&mut self, model: &PlanModel, from: usize, to: usize, mut cost: f64) -> f64 {
-        for visit in &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)] {
-            cost += Buffers::<O>::serve(&mut self.work, model, visit);
-        }
-        cost
-    }
-
     /// Tries the plan with `inserted` instead of the stops `from..to`; returns its cost. Each inserted stop has
     /// its index in the old plan, or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(PlannedStop, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
-        let mut cost = self.begin_change(model, start);
+        // Until there; where plans do not hover, of the plan.
+        let mut cost = if O::HOVERS {
+            self.restore(model, start)
+        } else {
+            self.timelines.begin(self.trace.first_visit(start));
+            self.cost
+        };
         (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
         self.decoder.margin_j = start.checked_sub(1).map_or(f64::INFINITY, |before| self.trace.legs[before].margin_j);
         self.decoder.flown_slots = self.window.flown_slots;
@@ -209,15 +203,6 @@ impl<O: Objective> Forecast<O> {
         let Change { rest, shift, .. } = self.change;
         let [from, until] = [rest, self.in_time(rest, shift)].map(|leg| self.trace.first_visit(leg));
         Rest { from, until, shift }
-    }
-
-    /// Begins a change at leg `leg`. Returns the cost until there; where plans do not hover, of the plan.
-    fn begin_change(&mut self, model: &PlanModel, leg: usize) -> f64 {
-        if O::HOVERS {
-            return self.restore(model, leg);
-        }
-        self.timelines.begin(self.trace.first_visit(leg));
-        self.cost
     }
 
     /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it

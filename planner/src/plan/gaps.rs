@@ -102,11 +102,7 @@ impl Objective for Gaps {
     #[inline]
     fn agree(sensor: &SensorModel, now: &Reached<GapLevel>, then: &Reached<GapLevel>) -> bool {
         let age = |reached: &Reached<GapLevel>| reached.slot - reached.level.last;
-        let buffer = |reached: &Reached<GapLevel>| Reached {
-            slot: reached.slot,
-            visited: reached.visited.empty,
-            level: reached.level.empty,
-        };
+        let buffer = |reached: &Reached<GapLevel>| Reached { slot: reached.slot, level: reached.level.empty };
         (age(now) - age(then)).abs() <= ROUNDING
             && (sensor.costs.is_by_visits() || Loss::agree(sensor, &buffer(now), &buffer(then)))
     }

@@ -5,6 +5,7 @@
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::random::{Purpose, Streams, below, fraction};
 use skysink_common::stop::Stop;
@@ -38,7 +39,7 @@ const FILL: f64 = 1.0 - 1e-9;
 const ROUNDING: f64 = 1e-9;
 
 /// A stop of a plan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlannedStop {
     /// The disk of the model that it is served from.
     pub disk: u32,

@@ -72,7 +72,7 @@ impl<O: Objective> CarriedPlan<O> {
         let ceiling = LAST_CEILING.powf(progress);
         let is_annealed = self.keys.without != Some(LookAheadPart::Annealing);
         let temperature = if is_annealed { self.plan.temperature.min(ceiling) } else { 0.0 };
-        let cooling = Cooling::far_ahead(avoidable / begun.len().max(1) as f64 * temperature);
+        let cooling = Cooling::FarAhead(avoidable / begun.len().max(1) as f64 * temperature);
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
         let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts, patience: u64::MAX };
         anneal(model, forecast, cooling, steps.into(), &mut search, None);
@@ -111,7 +111,7 @@ impl<O: Objective> CarriedPlan<O> {
         let mean = -least / forecast.open(model).len().max(1) as f64;
         let temperature = HOVER_TEMPERATURES[usize::from(!is_first)];
         let cooling = match self.keys.without {
-            Some(LookAheadPart::Annealing) => Cooling::everywhere(0.0),
+            Some(LookAheadPart::Annealing) => Cooling::Everywhere(0.0),
             _ => Cooling::Geometric { first: mean * temperature, last: mean * HOVER_TEMPERATURES[2] },
         };
         let mut best: Best = (forecast.cost, forecast.stops());

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use rand_chacha::ChaCha8Rng;
+use skysink_common::random::Purpose;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::carried_plan::CarriedPlan;
@@ -41,6 +42,9 @@ pub struct SearchProgress {
     pub cost: f64,
 }
 
+/// Is called with the progress of a search, and may end it.
+pub type Watch<'a> = dyn FnMut(SearchProgress) -> ControlFlow<()> + 'a;
+
 /// Result of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOutcome {
@@ -60,7 +64,7 @@ impl<O: Objective> CarriedPlan<O> {
         view: &View,
         forecast: &mut Forecast<O>,
         steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+        watch: &mut Watch<'_>,
     ) -> Option<SearchOutcome> {
         self.prepare_by(MOST_STEPS, view, forecast, steps, watch)
     }
@@ -72,9 +76,9 @@ impl<O: Objective> CarriedPlan<O> {
         view: &View,
         forecast: &mut Forecast<O>,
         steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+        watch: &mut Watch<'_>,
     ) -> Option<SearchOutcome> {
-        self.begin();
+        self.plan.has_begun = true;
         let begun = (forecast.cost, forecast.stops());
         let mut best = begun.clone();
         let mut ended = ControlFlow::Continue((0, false));
@@ -83,7 +87,7 @@ impl<O: Objective> CarriedPlan<O> {
             if search > 0 {
                 forecast.load(&self.model, begun.1.iter().copied());
             }
-            let mut random = self.long_random(view.slot, search as u32);
+            let mut random = self.streams.stream(Purpose::Horizon, view.slot.saturating_sub(1), search as u32);
             let mut found = begun.clone();
             let least = best.0;
             let watch = &mut |progress: SearchProgress| {
@@ -98,7 +102,8 @@ impl<O: Objective> CarriedPlan<O> {
         forecast.load(&self.model, best.1);
         start::extend(&self.model, forecast); // as a planner does when it resumes the plan
         let (steps, is_optimal) = ended.continue_value()?;
-        self.resume_at(forecast.stops(), LATER_TEMPERATURE);
+        self.stops = forecast.stops();
+        self.plan.temperature = LATER_TEMPERATURE;
         Some(SearchOutcome { cost: forecast.cost, steps, is_optimal })
     }
 
@@ -111,7 +116,7 @@ impl<O: Objective> CarriedPlan<O> {
         best: &mut Best,
         random: &mut ChaCha8Rng,
         steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+        watch: &mut Watch<'_>,
     ) -> ControlFlow<(), (u64, bool)> {
         let model = &mut self.model;
         let bound = forecast.window.least(model);
@@ -142,7 +147,7 @@ impl<O: Objective> CarriedPlan<O> {
                 let next = WATCHED.min(end - done);
                 let counts = &mut self.counts;
                 let mut search = SearchSteps { is_over: &|| false, random: &mut *random, counts, patience: u64::MAX };
-                anneal(model, forecast, Cooling::everywhere(far), next, &mut search, None);
+                anneal(model, forecast, Cooling::Everywhere(far), next, &mut search, None);
                 done += next;
                 watch(SearchProgress { steps: done, cost: best.0 })?;
             }

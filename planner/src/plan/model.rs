@@ -23,7 +23,6 @@ use crate::gap_costs::GapCosts;
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::route::route::Route;
 
 /// Nearest stops that a change may substitute for a stop.
 const NEIGHBOURS: usize = 12;
@@ -159,6 +158,11 @@ impl PlanModel {
         let sampler = self.table.sensors.sampler(index);
         let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
         let weight = self.table.sensors.weights.factor(index as usize);
+        let is_emptied = costs.is_by_visits()
+            || self.table.heard.is_none()
+                && !costs.has_visit_costs()
+                && self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
+                    >= f64::from(sampler.capacity_bits);
         self.sensors.push(SensorModel {
             fill_slots: sampler.lossless_slots(),
             mean_bits: sampler.mean_bits,
@@ -166,22 +170,16 @@ impl PlanModel {
             weight,
             is_dead: false,
             capacity_bits: sampler.capacity_bits.into(),
-            is_emptied: costs.is_by_visits()
-                || self.table.heard.is_none()
-                    && !costs.has_visit_costs()
-                    && self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
-                        >= f64::from(sampler.capacity_bits),
+            is_emptied,
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
             left_slots: 0.0,
             overdue_slots: 0.0,
             noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.lossless_slots()),
             noise_before_slots2: 0.0,
-            best_bits: f64::INFINITY,
+            best_bits: if is_emptied { f64::INFINITY } else { self.capacity_bits(index, 0.0, true) },
             costs: costs.weighted(weight),
         });
-        let best_bits = self.carried_bits(index, 0.0, true);
-        self.sensors[index as usize].best_bits = best_bits;
     }
 
     /// The farthest distance at which the link of `sensor` carries most of its best capacity, or of a full buffer [m].
@@ -322,13 +320,6 @@ impl PlanModel {
         before + O::rest(&self.sensors[sensor], reached, slot)
     }
 
-    /// The route from `from` into `disk`, as near to `next` as possible.
-    #[inline]
-    #[must_use]
-    pub fn route_into<O: Objective>(&self, from: &Position, disk: &Disk, next: &Position) -> Option<Route> {
-        if O::HOVERS { self.route_to_point(from, disk) } else { self.table.motion.enter(from, disk, next) }
-    }
-
     /// The disk from which `stop` is served.
     #[inline]
     #[must_use]
@@ -417,12 +408,6 @@ impl PlanModel {
         let model = &self.sensors[sensor as usize];
         let bits = self.bits_at(sensor, d2_m2, at);
         if model.is_emptied && bits > 0.0 { f64::INFINITY } else { O::capacity(model, bits) }
-    }
-
-    /// Bits of such a visit [bit].
-    fn carried_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
-        let is_emptied = self.sensors[sensor as usize].is_emptied;
-        if is_emptied { f64::INFINITY } else { self.capacity_bits(sensor, d2_m2, in_sight) }
     }
 }
 

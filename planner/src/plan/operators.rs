@@ -91,7 +91,6 @@ impl Draft<'_> {
         (index, (operators[index].propose)(self, leg))
     }
 
-    /// Any stop of the model.
     fn any(&mut self) -> PlannedStop {
         PlannedStop::at(self.model.stops[below(self.random, self.model.stops.len())])
     }
@@ -146,7 +145,6 @@ impl Draft<'_> {
         self.insert(leg, stop)
     }
 
-    /// Stops at `stop` instead.
     fn replace(&mut self, leg: usize, stop: PlannedStop) -> Range<usize> {
         self.inserted.push((stop, FRESH));
         leg..leg + 1
@@ -203,7 +201,10 @@ impl Draft<'_> {
         let most = self.model.hovers(sensor, queue_bits, &point);
         let hovers = if below(self.random, 2) == 0 { most } else { below(self.random, usize::from(most) + 1) as u16 };
         let index = match below(self.random, 2) {
-            0 => least_detour(self.model, self.legs, &self.start, &point),
+            0 => {
+                let detours = detours_m(self.model, self.legs, &self.start, &point).enumerate();
+                detours.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index)
+            }
             _ => below(self.random, self.legs.len() + 1),
         };
         let stop = self.model.add_point(sensor, point, hovers);
@@ -211,7 +212,6 @@ impl Draft<'_> {
         Some(index..index)
     }
 
-    /// Moves one stop.
     fn move_one(&mut self, leg: usize) -> Option<Range<usize>> {
         let to = below(self.random, self.legs.len());
         if to > leg {
@@ -224,7 +224,6 @@ impl Draft<'_> {
         (to != leg).then(|| leg.min(to)..leg.max(to) + 1)
     }
 
-    /// Reverses a part of the plan.
     fn reverse_from(&mut self, leg: usize) -> Option<Range<usize>> {
         let end = leg + 1 + below(self.random, self.legs.len() - leg);
         self.reverse(leg..end);
@@ -266,10 +265,4 @@ pub fn detours_m(model: &PlanModel, legs: &[Leg], start: &Position, point: &Posi
         let next = legs.get(index).map(|_| at(index));
         next.map_or(to_m, |next| to_m + (next - point).norm() - (next - before).norm())
     })
-}
-
-/// The index at which it adds least.
-fn least_detour(model: &PlanModel, legs: &[Leg], start: &Position, point: &Position) -> usize {
-    let detours = detours_m(model, legs, start, point).enumerate();
-    detours.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index)
 }

@@ -130,17 +130,9 @@ impl PlanModel {
     /// [`Home::margin_j`], where the same points are asked for again.
     pub(super) fn margin_j(&self, home: &Home, slot: u64, energy_j: f64, at: &Position) -> f64 {
         match self.thrifty(home, at) {
-            Some(route) if u64::from(route.slots()) <= home.left_after(slot) => {
-                home.battery.map_or(f64::INFINITY, |battery| energy_j - route.energy_j() - battery.reserve_j)
-            }
+            Some(route) if u64::from(route.slots()) <= home.left_after(slot) => home.margin_after_j(energy_j, &route),
             _ => home.margin_j(slot, energy_j, at), // perhaps faster
         }
-    }
-
-    /// A hover at `at` [m].
-    #[must_use]
-    pub fn wait(&self, at: &Position) -> Route {
-        self.table.motion.wait(at)
     }
 
     /// Adds the stop at `point` [m] for `sensor`.

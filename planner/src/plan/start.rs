@@ -51,7 +51,7 @@ pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
 /// that its members will have sampled since they were empty, including overflow.
 pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
     loop {
-        let levels = forecast.levels();
+        let levels = forecast.timelines.levels();
         let legs = forecast.trace.legs.len();
         let (at, slot) = forecast.trace.legs.last().map_or((forecast.window.start, 0), |leg| (leg.at, leg.end));
         let mut best: Option<(f64, f64, u32)> = None;

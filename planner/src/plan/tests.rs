@@ -185,7 +185,7 @@ fn annealing_finds_the_optimum_of_small_instances() {
             let mut counts = [OperatorCounts::default(); 5];
             let mut search =
                 SearchSteps { is_over: &|| false, random: &mut random, counts: &mut counts, patience: u64::MAX };
-            anneal(&mut model, &mut forecast, Cooling::everywhere(far_bits), 2_000, &mut search, None);
+            anneal(&mut model, &mut forecast, Cooling::Everywhere(far_bits), 2_000, &mut search, None);
             lowest_bits = lowest_bits.min(forecast.cost);
         }
         // Plans of more than six stops may lose even less.

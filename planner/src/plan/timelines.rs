@@ -332,7 +332,7 @@ impl<O: Objective> Timelines<O> {
     /// Whether the buffer `level`, after a visit of the plan `shift` slots later, is that of the plan.
     #[inline]
     fn agrees(model: &PlanModel, served: &Served<O::Level>, level: O::Level, shift: i32) -> bool {
-        let reached = |slot: i32, level: O::Level| Reached { slot: f64::from(slot), visited: level, level };
+        let reached = |slot: i32, level: O::Level| Reached { slot: f64::from(slot), level };
         let Visit { sensor, slot, .. } = served.visit;
         let [now, then] = [reached(slot + shift, level), reached(slot, served.after)];
         // The visits of others are not shifted.

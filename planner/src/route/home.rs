@@ -37,7 +37,7 @@ pub struct Home {
     motion: Motion,
     airspace: Arc<Airspace>,
     /// Places well inside of the base [m].
-    places: Arc<[Position]>,
+    pub places: Arc<[Position]>,
 }
 
 /// What becomes of a decision for a slot by the return rule.
@@ -93,12 +93,6 @@ impl Home {
         }
         // Around a zone a way may have been begun to a place well inside, before the nearest point came into sight.
         smallvec![nearest, self.place_from(ground)]
-    }
-
-    /// Places well inside of the base [m].
-    #[must_use]
-    pub fn places(&self) -> &[Position] {
-        &self.places
     }
 
     /// The place well inside of the base that the shortest path from `ground` leads to [m].
@@ -161,12 +155,13 @@ impl Home {
     #[must_use]
     pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
         let left = self.left_after(slot);
-        match self.route_within(ground, left).filter(|route| u64::from(route.slots()) <= left) {
-            None => f64::NEG_INFINITY,
-            Some(route) => {
-                self.battery.map_or(f64::INFINITY, |battery| energy_j - route.energy_j() - battery.reserve_j)
-            }
-        }
+        let in_time = self.route_within(ground, left).filter(|route| u64::from(route.slots()) <= left);
+        in_time.map_or(f64::NEG_INFINITY, |route| self.margin_after_j(energy_j, &route))
+    }
+
+    /// The energy [J] of `energy_j` beyond the way home `route` and the reserve.
+    pub(crate) fn margin_after_j(&self, energy_j: f64, route: &Route) -> f64 {
+        self.battery.map_or(f64::INFINITY, |battery| energy_j - route.energy_j() - battery.reserve_j)
     }
 
     /// Slots after `slot` beyond those of the way home from `ground` [m] at full speed, below 0 if it comes home too late;
@@ -197,7 +192,7 @@ impl Home {
     /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
     #[must_use]
     pub fn rule(&self, slot: u64, state: &BatteryState, [from, to]: [&Point3<f64>; 2], is_idle: bool) -> Returning {
-        if is_idle && to == from && self.may_land(&from.xy()) {
+        if is_idle && to == from && self.battery.is_some() && self.base.contains(&from.xy()) {
             return Returning::Charges;
         }
         // A waypoint that cannot be flown to is a hover.
@@ -222,11 +217,6 @@ impl Home {
     #[must_use]
     pub fn flown_j(&self, state: &BatteryState, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         self.battery.map_or(state.energy_j, |battery| battery.flown_j(state.energy_j, from, to))
-    }
-
-    /// Whether a UAV that stays at `ground` [m] and serves nobody has landed.
-    fn may_land(&self, ground: &Position) -> bool {
-        self.battery.is_some() && self.base.contains(ground)
     }
 
     /// The battery of a UAV at `ground` [m]: of several bases that with the charger there.
@@ -364,7 +354,7 @@ mod tests {
         let places = (0..=160).flat_map(|x| (0..=132).map(move |y| Position::new(f64::from(x), f64::from(y)) / 4.0));
         let mut bent = 0;
         for ground in places.filter(|place| home.airspace.contains(place)) {
-            bent += usize::from(home.route(1, &ground).is_some_and(|route| route.parts().len() > 1));
+            bent += usize::from(home.route(1, &ground).is_some_and(|route| route.parts.len() > 1));
             for slot in [1, 14, 16, 18] {
                 let Some(route) = home.route(slot, &ground) else { continue };
                 if u64::from(route.slots()) > home.left_after(slot) {

@@ -117,12 +117,6 @@ impl Motion {
         self.airspace.is_open() || !self.is_by_cells() && self.airspace.is_free(from, to)
     }
 
-    /// Whether one slot, or a move on a grid, leads from `from` into `disk`, around zones.
-    #[must_use]
-    pub fn is_next(&self, from: &Position, disk: &Disk) -> bool {
-        self.airspace.is_open() || self.slots_into(from, disk) <= self.move_slots() as f64
-    }
-
     /// Slots that no path from `from` into `disk` falls short of: those of the straight one, at least 1.
     #[inline]
     #[must_use]

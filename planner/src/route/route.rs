@@ -26,7 +26,7 @@ pub struct RoutePart {
 pub struct Route {
     from: Position,
     /// At least one.
-    parts: SmallVec<[RoutePart; 2]>,
+    pub(super) parts: SmallVec<[RoutePart; 2]>,
     slots: u32,
     energy_j: f64,
 }
@@ -60,12 +60,6 @@ impl Route {
     #[must_use]
     pub fn energy_j(&self) -> f64 {
         self.energy_j
-    }
-
-    /// Its parts.
-    #[must_use]
-    pub fn parts(&self) -> &[RoutePart] {
-        &self.parts
     }
 
     /// Where it ends [m].

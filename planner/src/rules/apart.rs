@@ -40,7 +40,7 @@ impl Reservations<'_> {
             return None;
         }
         let free = |place: &&Position| !self.is_near(view, true, place);
-        let places: Vec<Position> = home.iter().flat_map(|home| home.places()).filter(free).copied().collect();
+        let places: Vec<Position> = home.iter().flat_map(|home| home.places.iter()).filter(free).copied().collect();
         let others =
             if clear.is_empty() { others.into_iter().filter(|to| !is_near(false, to)).collect() } else { clear };
         // Home as soon as possible, where nobody is.

@@ -214,7 +214,6 @@ impl Candidate {
 ///
 /// With `u = (L_i − L_k)/d` and `V = sqrt(|d_c² − d²/4|)`: C1 and C2 through both, at the midpoint `± V (−u_y, u_x)`;
 /// C3 touching k, `L_k + d_c u`; C4 touching i, `L_i − d_c u`; C5 at the midpoint. Where both coincide, `u = (1, 0)`.
-#[must_use]
 fn circles(anchor: &Position, partner: &Position, comm_radius_m: f64) -> [Position; CIRCLES] {
     let apart_m = (anchor - partner).norm();
     let along = if apart_m > 0.0 { (anchor - partner) / apart_m } else { nalgebra::Vector2::x() };

@@ -17,7 +17,6 @@
 
 use skysink_common::geometry::distance_squared;
 
-use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::strategy::{Registered, Setup, Strategy, View, rule};
 
@@ -35,8 +34,7 @@ pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Optio
     rule(move |view| {
         let first = least(view, |id| cost(view, id))?;
         let waypoint = view.table.motion.toward(&view.ground(), view.table.sensors.position(first));
-        let key = |id| (id != first, fullest_first(view.value(id), id));
-        Some(serving.serve_by(view, &waypoint, key))
+        Some(serving.serve_first(view, &waypoint, |id| id == first))
     })
 }
 

@@ -22,24 +22,11 @@ pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fu
 /// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none. Among
 /// zones only SNs whose range one slot leads into.
 fn greedy_waypoint(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
-    if table.airspace.is_open() {
-        return fullest(table, position, queues_bits, |_| true);
-    }
-    fullest(table, position, queues_bits, |sensor| table.may_serve_next(position, sensor))
-}
-
-/// The SN with the largest queue within `V τ` of those that are `in_question`.
-fn fullest(
-    table: &MissionTable,
-    position: &Position,
-    queues_bits: &[u32],
-    in_question: impl Fn(&Position) -> bool,
-) -> Option<Position> {
     let mut fullest: Option<(u64, Position)> = None;
     table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {
         let key = fullest_first(queues_bits[node.id as usize], node.id);
         let is_fuller = fullest.is_none_or(|(least, _)| key < least);
-        if is_fuller && !table.is_out(node.id) && in_question(&node.position) {
+        if is_fuller && !table.is_out(node.id) && table.may_serve_next(position, &node.position) {
             fullest = Some((key, node.position));
         }
     });

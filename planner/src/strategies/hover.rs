@@ -36,7 +36,7 @@ pub const STRATEGY: Registered =
 /// Urgent are those that overflow before all in range have had a turn, of them those whose links carry most; then the
 /// earliest deadlines.
 fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decision {
-    let MissionTable { sensors, channel, limits, .. } = view.table;
+    let MissionTable { sensors, limits, .. } = view.table;
     let mut in_range = 0;
     sensors.grid.visit_within(ground, limits.comm_radius_m, |_| in_range += 1);
     let turns = f64::from(in_range) / limits.blocks() as f64;
@@ -49,14 +49,12 @@ fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decisi
             // For non-negative floats the order of the bit patterns is the order of the numbers.
             return (true, deadline_slots.max(0.0).to_bits(), by_queue);
         }
-        let uplink = view.table.uplink(id, &uav);
-        let carried_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink)).min(queue_bits.into());
+        let carried_bits = view.table.capacity_bits(id, &uav).min(queue_bits.into());
         let value = sensors.weights.factor(id as usize) * carried_bits as f64;
         (false, u64::MAX - value.to_bits(), by_queue)
     })
 }
 
-/// The search for the best point.
 struct BestPoint<'a> {
     table: &'a MissionTable,
     start: Position,
@@ -99,7 +97,7 @@ impl<'a> BestPoint<'a> {
         let radius_m = table.limits.comm_radius_m;
         let position = table.sensors.position(id);
         // Every such centre is this far from the SN.
-        let earliest = self.slots_to(&Disk { centre: *position, radius_m });
+        let earliest = table.motion.slots_into(&self.start, &Disk { centre: *position, radius_m });
         let mut near: Vec<(u32, f64)> = Vec::new();
         table.sensors.grid.visit_within(position, 2.0 * radius_m, |node| {
             let savable_bits = self.savable_bits(node.id, earliest);
@@ -158,11 +156,6 @@ impl<'a> BestPoint<'a> {
         }
     }
 
-    /// The slots into `disk`, the last of which serves from there.
-    fn slots_to(&self, disk: &Disk) -> f64 {
-        self.table.motion.slots_into(&self.start, disk)
-    }
-
     /// Slots that serve at the end of the slot `first` and later, and before the last sample.
     fn serving_slots(&self, first: f64) -> f64 {
         (self.table.limits.slots as f64 - first).max(0.0)
@@ -181,15 +174,12 @@ impl<'a> BestPoint<'a> {
     /// At most so much is saved of `sensors`, given with what each can lose [bit, weighted], from the slot `first` on:
     /// links carry all.
     fn most_bits(&self, sensors: impl Iterator<Item = (u32, f64)>, first: f64) -> f64 {
+        let MissionTable { sensors: all, limits, .. } = self.table;
+        let full_bits = |id: u32| all.weights.factor(id as usize) * f64::from(all.sampler(id).capacity_bits);
         let [sum_bits, largest_bits] = sensors.fold([0.0, 0.0], |[sum_bits, largest_bits]: [f64; 2], (id, bits)| {
-            [sum_bits + bits, largest_bits.max(self.full_bits(id))]
+            [sum_bits + bits, largest_bits.max(full_bits(id))]
         });
-        sum_bits.min(largest_bits * self.serving_slots(first) * self.table.limits.blocks() as f64)
-    }
-
-    /// A full buffer [bit, weighted].
-    fn full_bits(&self, id: u32) -> f64 {
-        self.table.sensors.weights.factor(id as usize) * f64::from(self.table.sensors.sampler(id).capacity_bits)
+        sum_bits.min(largest_bits * self.serving_slots(first) * limits.blocks() as f64)
     }
 
     /// Weighted bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to
@@ -197,7 +187,7 @@ impl<'a> BestPoint<'a> {
     fn saved_bits(&mut self, point: &Position) -> f64 {
         let table = self.table;
         let MissionTable { sensors, limits, .. } = table;
-        let first = self.slots_to(&Disk { centre: *point, radius_m: 0.0 });
+        let first = table.motion.slots_into(&self.start, &Disk { centre: *point, radius_m: 0.0 });
         let slots = self.serving_slots(first);
         let mut visits: Vec<(f64, f64)> = Vec::new(); // bits of one, and how many
         sensors.grid.visit_within(point, limits.comm_radius_m, |node| {

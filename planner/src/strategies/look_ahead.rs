@@ -17,7 +17,6 @@ use skysink_common::keys::Accepts;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, SolverOutcome};
 use skysink_common::stop::Stop;
 
-use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
@@ -25,7 +24,7 @@ use crate::plan::carried_plan::CarriedPlan;
 use crate::plan::forecast::Forecast;
 use crate::plan::gaps::Gaps;
 use crate::plan::keys::HorizonKeys;
-use crate::plan::long_search::{SearchOutcome, SearchProgress};
+use crate::plan::long_search::{SearchOutcome, SearchProgress, Watch};
 use crate::plan::objective::{Collect, Loss, Objective};
 use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
@@ -35,13 +34,7 @@ use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 /// link is the bottleneck.
 pub const HORIZON: Registered =
     Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
-        let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
-        let first_steps = u64::from(keys.iterations) * FIRST_SEARCH;
-        match Planned::of(setup) {
-            Planned::Loss => Box::new(LookAhead::<Loss>::new(setup, keys, first_steps)),
-            Planned::Gaps => Box::new(LookAhead::<Gaps>::new(setup, keys, first_steps)),
-            Planned::Collect => Box::new(LookAhead::<Collect>::new(setup, keys, first_steps)),
-        }
+        look_ahead(setup, setup.scenario.planner_keys("planner.horizon").expect("they were checked"), None)
     })
     .with_state()
     .with_path()
@@ -50,12 +43,7 @@ pub const HORIZON: Registered =
 /// A longer search before take-off makes such a plan, which is flown without changes.
 pub const OFFLINE: Registered =
     Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
-        let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-        match Planned::of(setup) {
-            Planned::Loss => Box::new(LookAhead::<Loss>::offline(setup, steps)),
-            Planned::Gaps => Box::new(LookAhead::<Gaps>::offline(setup, steps)),
-            Planned::Collect => Box::new(LookAhead::<Collect>::offline(setup, steps.div_ceil(LOSS_STEPS_PER_STEP))),
-        }
+        offline(setup)
     })
     .with_state()
     .with_path()
@@ -90,30 +78,35 @@ const LOSS_END: f64 = 0.3;
 /// End of the search, as a fraction of the budget; the rest is for the decision.
 const SEARCH_END: f64 = 0.9;
 
-/// The search of an objective.
-enum Planned {
-    Loss,
-    Gaps,
-    Collect,
+/// A strategy that may search before take-off.
+trait Prepare: Strategy {
+    /// Runs the search before take-off. `watch` is called with the progress. `None`, without a plan, if no SN can lose
+    /// data or `watch` ends the search.
+    fn prepare(&mut self, view: &View, watch: &mut Watch<'_>) -> Option<SearchOutcome>;
 }
 
-impl Planned {
-    fn of(setup: &Setup) -> Self {
-        let objective = setup.settings.objective;
-        match () {
-            () if objective.is_collect() => Self::Collect,
-            () if objective.is_loss() => Self::Loss,
-            () => Self::Gaps,
-        }
+/// The look-ahead for the scenario's objective; with `offline_steps` in so many steps before take-off.
+fn look_ahead(setup: &Setup, keys: HorizonKeys, offline_steps: Option<u64>) -> Box<dyn Prepare> {
+    let objective = setup.settings.objective;
+    match () {
+        () if objective.is_collect() => Box::new(LookAhead::<Collect>::new(setup, keys, offline_steps)),
+        () if objective.is_loss() => Box::new(LookAhead::<Loss>::new(setup, keys, offline_steps)),
+        () => Box::new(LookAhead::<Gaps>::new(setup, keys, offline_steps)),
     }
+}
+
+/// The look-ahead that searches before take-off only.
+fn offline(setup: &Setup) -> Box<dyn Prepare> {
+    let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
+    look_ahead(setup, HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) }, Some(steps))
 }
 
 /// A plan over many slots.
 pub struct LookAhead<O: Objective> {
     ahead: CarriedPlan<O>,
-    /// Steps before slot 1 of a plan that is flown without changes; `None` if it is improved in every slot.
-    offline_steps: Option<u64>,
-    /// Steps of the first search for a plan that hovers.
+    /// Whether a plan that does not hover is searched for before slot 1 alone, and flown without changes.
+    is_offline: bool,
+    /// Steps of that search, or of the first one for a plan that hovers.
     first_steps: u64,
     /// The look-ahead for the least loss, with which a first plan that hovers may begin; `None` where no SN samples.
     loss: Option<CarriedPlan<Loss>>,
@@ -126,60 +119,22 @@ pub struct LookAhead<O: Objective> {
 
 impl<O: Objective> LookAhead<O> {
     /// As [`CarriedPlan::new`].
-    fn new(setup: &Setup, keys: HorizonKeys, first_steps: u64) -> Self {
+    fn new(setup: &Setup, keys: HorizonKeys, offline_steps: Option<u64>) -> Self {
+        let first_steps = match offline_steps {
+            None => u64::from(keys.iterations) * FIRST_SEARCH,
+            Some(steps) if O::HOVERS => steps.div_ceil(LOSS_STEPS_PER_STEP),
+            Some(steps) => steps,
+        };
         let is_sampling = setup.belief.has_learnt_rates() || setup.table.sensors.sampling_ids().next().is_some();
         Self {
             ahead: CarriedPlan::new(setup, keys),
-            offline_steps: None,
+            is_offline: offline_steps.is_some() && !O::HOVERS,
             first_steps,
             loss: (O::HOVERS && is_sampling).then(|| CarriedPlan::new(setup, keys)),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
             intents: (0, Vec::new()),
         }
-    }
-
-    /// One that searches before take-off only, in `steps` steps.
-    fn offline(setup: &Setup, steps: u64) -> Self {
-        let keys = HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) };
-        Self { offline_steps: Some(steps).filter(|_| !O::HOVERS), ..Self::new(setup, keys, steps) }
-    }
-
-    /// Runs the search before take-off. `watch` is called with the progress. `None`, without a plan, if no SN can lose
-    /// data or `watch` ends the search.
-    fn prepare(
-        &mut self,
-        view: &View,
-        steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<SearchOutcome> {
-        let mut forecast = self.ahead.forecast(view)?;
-        if !O::HOVERS {
-            return self.ahead.prepare(view, &mut forecast, steps, watch);
-        }
-        watch(SearchProgress { steps: 0, cost: forecast.cost }).continue_value()?;
-        let is_over = || view.stop.requested().is_some();
-        self.begin_hovering(view, &mut forecast, &is_over, &is_over);
-        self.ahead.search(view, &mut forecast, steps, &is_over);
-        self.ahead.keep(&forecast);
-        let outcome =
-            SearchOutcome { cost: forecast.cost, steps: steps.saturating_mul(LOSS_STEPS_PER_STEP), is_optimal: false };
-        watch(SearchProgress { steps: outcome.steps, cost: outcome.cost }).continue_value()?;
-        Some(outcome)
-    }
-
-    /// The strategy after the search before take-off, and what was found.
-    fn prepared(
-        mut self,
-        view: &View,
-        steps: u64,
-        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<(Box<dyn Strategy>, SearchOutcome)>
-    where
-        O: 'static,
-    {
-        let found = self.prepare(view, steps, watch)?;
-        Some((Box::new(self), found))
     }
 
     /// Loads a first plan that hovers, which may begin with that for the least loss, searched for until `is_late`.
@@ -220,8 +175,8 @@ impl<O: Objective> LookAhead<O> {
             }
             Some(next) => {
                 let (waypoint, outcome) = between_stops(&mut self.serving, view, &next);
-                let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
-                let mut decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
+                let decision = self.serving.serve_first(view, &waypoint, |id| next.ids.contains(&id));
+                let mut decision = Decision { outcome, ..decision };
                 if is_choosy {
                     decision.schedule.retain(|id| next.ids.contains(id));
                 }
@@ -243,6 +198,25 @@ impl<O: Objective> LookAhead<O> {
     }
 }
 
+impl<O: Objective> Prepare for LookAhead<O> {
+    fn prepare(&mut self, view: &View, watch: &mut Watch<'_>) -> Option<SearchOutcome> {
+        let mut forecast = self.ahead.forecast(view)?;
+        let steps = self.first_steps;
+        if !O::HOVERS {
+            return self.ahead.prepare(view, &mut forecast, steps, watch);
+        }
+        watch(SearchProgress { steps: 0, cost: forecast.cost }).continue_value()?;
+        let is_over = || view.stop.requested().is_some();
+        self.begin_hovering(view, &mut forecast, &is_over, &is_over);
+        self.ahead.search(view, &mut forecast, steps, &is_over);
+        self.ahead.keep(&forecast);
+        let outcome =
+            SearchOutcome { cost: forecast.cost, steps: steps.saturating_mul(LOSS_STEPS_PER_STEP), is_optimal: false };
+        watch(SearchProgress { steps: outcome.steps, cost: outcome.cost }).continue_value()?;
+        Some(outcome)
+    }
+}
+
 impl<O: Objective> Strategy for LookAhead<O> {
     /// Improves the plan, and decides by it; `None` if no SN that can lose data is in reach.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
@@ -258,8 +232,8 @@ impl<O: Objective> Strategy for LookAhead<O> {
         };
         let is_over = || is_after(SEARCH_END);
         let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-        if let Some(steps) = self.offline_steps.filter(|_| !self.ahead.has_searched()) {
-            self.prepare(view, steps, watch)?;
+        if self.is_offline && !self.ahead.has_searched() {
+            self.prepare(view, watch)?;
         }
         let mut forecast = self.ahead.forecast(view)?;
         if O::HOVERS && !self.ahead.has_searched() {
@@ -314,18 +288,11 @@ pub fn search_offline(
     setup: &Setup,
     queues_bits: &[u32],
     stop: &Stop,
-    watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    watch: &mut Watch<'_>,
 ) -> Option<(Box<dyn Strategy>, SearchOutcome)> {
-    let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-    let view = View::at_start(setup, queues_bits, stop);
-    match Planned::of(setup) {
-        Planned::Loss => LookAhead::<Loss>::offline(setup, steps).prepared(&view, steps, watch),
-        Planned::Gaps => LookAhead::<Gaps>::offline(setup, steps).prepared(&view, steps, watch),
-        Planned::Collect => {
-            let steps = steps.div_ceil(LOSS_STEPS_PER_STEP);
-            LookAhead::<Collect>::offline(setup, steps).prepared(&view, steps, watch)
-        }
-    }
+    let mut strategy = offline(setup);
+    let found = strategy.prepare(&View::at_start(setup, queues_bits, stop), watch)?;
+    Some((strategy, found))
 }
 
 /// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member of

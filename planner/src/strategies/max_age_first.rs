@@ -7,12 +7,12 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use crate::strategy::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, Registered, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("max-age-first", "maximum age first: fly to the sensor node served longest ago", |setup| {
-        Box::new(MaxAgeFirst::new(setup))
+        Box::new(MaxAgeFirst { last: vec![0; setup.table.sensors.count()], serving: Serving::new(setup) })
     })
     .with_state()
     .without_weights();
@@ -21,12 +21,6 @@ struct MaxAgeFirst {
     /// Slot in which each SN was scheduled last, 0 before the first, by id.
     last: Vec<u32>,
     serving: Serving,
-}
-
-impl MaxAgeFirst {
-    fn new(setup: &Setup) -> Self {
-        Self { last: vec![0; setup.table.sensors.count()], serving: Serving::new(setup) }
-    }
 }
 
 impl Strategy for MaxAgeFirst {

@@ -12,7 +12,6 @@ pub(crate) struct Spot {
     pub(crate) position: Position,
     /// Queue, `B_i(t−1)` [bit].
     pub(crate) queue_bits: u32,
-    /// Its id.
     pub(crate) id: u32,
 }
 

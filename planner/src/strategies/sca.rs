@@ -23,14 +23,13 @@ use skysink_common::geometry::{Position, above};
 use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
 
-use super::nearby::fullest_first;
 use super::serving::Serving;
 use super::tour;
 use super::turns::InTurn;
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 use rehearsal::{FlightPlan, Rehearsal};
-use stops::TimedStop;
+use stops::{TimedStop, stops_of};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -63,7 +62,6 @@ const PATIENCE: u32 = 3;
 /// Relative decrease of the loss that counts.
 const SETTLED: f64 = 1e-9;
 
-/// The strategy.
 struct Approximation {
     iterations: u32,
     /// Whether what is left in the queues is lost, too.
@@ -91,7 +89,7 @@ impl Approximation {
     /// The best flight of all approximations from the slot of `view` on.
     fn best<'a>(&mut self, view: &View<'a>) -> Rehearsal<'a> {
         let mut best = self.first_round(view);
-        let mut at = best.stops();
+        let mut at = stops_of(&best);
         let mut fruitless = 0;
         // On a grid the points of stops are cells, not a convex set.
         let iterations = if view.table.motion.is_by_cells() { 0 } else { self.iterations };
@@ -102,7 +100,7 @@ impl Approximation {
             let Some(improved) = program::improved(&best, &at) else { break };
             let [exact, hurried] = [false, true].map(|hurries| self.flown(view, &improved, hurries));
             let flight = if hurried.cost() < exact.cost() { hurried } else { exact };
-            at = flight.stops();
+            at = stops_of(&flight);
             fruitless += 1;
             if flight.cost() < best.cost() * (1.0 - SETTLED) {
                 (best, fruitless) = (flight, 0);
@@ -149,8 +147,7 @@ impl Strategy for Approximation {
         let index = self.plan.index(view.slot)?;
         let FlightPlan { ends, served, .. } = &self.plan;
         let waypoint = view.table.motion.toward(&view.ground(), &Position::from(ends[index]));
-        let key = |id: u32| (!served[index].contains(&id), fullest_first(view.value(id), id));
-        let decision = self.serving.serve_by(view, &waypoint, key);
+        let decision = self.serving.serve_first(view, &waypoint, |id| served[index].contains(&id));
         self.path.clear();
         let later = ends[index + 1..].iter().take(MAX_PATH_POINTS);
         self.path.extend(later.map(|end| above(&Position::from(*end), decision.waypoint.z)));

@@ -67,6 +67,11 @@ impl Serving {
         self.decision(view, &ground)
     }
 
+    /// As [`Self::serve_fullest`], but those in range that are first before the others.
+    pub fn serve_first(&mut self, view: &View, ground: &Position, is_first: impl Fn(u32) -> bool) -> Decision {
+        self.serve_by(view, ground, |id| (!is_first(id), fullest_first(view.value(id), id)))
+    }
+
     /// The decision to fly to `end`, as a fixed flight does, and serve there those of `chosen` that are in range, then the
     /// fullest in range, or those that upload most; those that upload nothing come last.
     pub fn serve_at(&mut self, view: &View, end: Point3<f64>, chosen: &[u32]) -> Decision {

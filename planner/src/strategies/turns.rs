@@ -6,7 +6,6 @@ use nalgebra::Point3;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::{Position, within};
 
-use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
@@ -135,8 +134,7 @@ impl Strategy for InTurn {
             let positions = ids.map(|id| view.table.sensors.position(id));
             (self.waypoint)(view.table, &ground, positions, &self.turns.points[self.turn])
         });
-        let key = |id| (Some(id) != current, fullest_first(view.value(id), id));
-        let decision = self.serving.serve_by(view, &waypoint, key);
+        let decision = self.serving.serve_first(view, &waypoint, |id| Some(id) == current);
         let mut planned = std::mem::take(&mut self.planned);
         planned.extend(decision.schedule.iter().filter(|id| self.ends_turn(view, **id, &decision.waypoint)));
         self.planned = planned;

@@ -59,7 +59,6 @@ impl Whittle {
     }
 }
 
-/// The ages of the SNs, and their indices.
 struct Ages {
     /// Slot in which each SN was first seen full, 0 if it is not full, by id.
     full_since: Vec<u32>,

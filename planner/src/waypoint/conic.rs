@@ -1,12 +1,13 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves the same problem as [`crate::geometry::disks`], as an independent check. Only this file, the cone program
-//! of [`crate::geometry::round`], `cone_program` and what is written with it depend on Clarabel.
+//! It solves the same problem as [`crate::geometry::disks`], as an independent check. Only this file, `cone_program` and
+//! what is written with it depend on Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use skysink_common::geometry::{Position, distance_squared};
 
+use crate::cone_program;
 use crate::geometry::disks::{self, Disk};
 
 /// Rows of a cone: `(r, q − centre)`.
@@ -84,24 +85,15 @@ fn template(disks: usize) -> DefaultSolver<f64> {
     let constraints = CscMatrix::new(disks * ROWS, 2, columns, rows, vec![-1.0; 2 * disks]);
     let offsets: Vec<f64> = (0..disks).flat_map(|_| [1.0, 0.0, 0.0]).collect();
     let cones = vec![SupportedConeT::SecondOrderConeT(ROWS); disks];
-    DefaultSolver::new(&CscMatrix::identity(2), &[0.0; 2], &constraints, &offsets, &cones, settings())
-        .expect("the shapes agree by construction")
-}
-
-/// Repeatable results: one thread, no time limit, nothing fitted to the first problem's data.
-pub(crate) fn settings() -> DefaultSettings<f64> {
-    DefaultSettings {
-        verbose: false,
-        max_threads: 1,
-        direct_solve_method: "qdldl".to_owned(),
-        time_limit: f64::INFINITY,
-        presolve_enable: false,
-        equilibrate_enable: false,
+    let settings = DefaultSettings {
+        equilibrate_enable: false, // nothing is fitted to the first problem's data
         tol_feas: FEASIBILITY,
         tol_gap_abs: GAP,
         tol_gap_rel: GAP,
-        ..DefaultSettings::default()
-    }
+        ..cone_program::settings()
+    };
+    DefaultSolver::new(&CscMatrix::identity(2), &[0.0; 2], &constraints, &offsets, &cones, settings)
+        .expect("the shapes agree by construction")
 }
 
 #[cfg(test)]

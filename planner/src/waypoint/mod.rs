@@ -4,7 +4,6 @@
 //! [`sca`] search in three dimensions. Solver outcomes are determined in this file.
 
 pub mod ascent;
-pub(crate) mod cone_program;
 pub mod conic;
 pub mod plane;
 pub mod problem;

@@ -29,7 +29,7 @@ use nalgebra::{Point3, Vector3};
 use skysink_common::channel::{ChannelModel, LineOfSight, LosCurve, Sight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 
-use crate::waypoint::cone_program::ConeProgram;
+use crate::cone_program::ConeProgram;
 use crate::waypoint::problem::{Problem, RatedPoint};
 
 /// Largest exponent `α_L` for which the tangent is used as a lower bound.
@@ -124,7 +124,8 @@ impl Program {
         let mut program = Self { origin: *at, unit_m, cones: ConeProgram::new(variables) };
         program.stay_between(problem.altitudes_m);
         for disk in &problem.disks {
-            program.stay_within(&disk.centre, disk.radius_m);
+            let from_centre = (at.xy() - disk.centre) / disk.radius_m; // ‖(q − centre)/ρ‖ ≤ 1
+            program.cones.stay_within(1.0, &from_centre, 0, unit_m / disk.radius_m);
         }
         let scale_bps = problem.rate_bps(at);
         for (index, range) in problem.disks[1..].iter().enumerate() {
@@ -142,15 +143,6 @@ impl Program {
             self.cones.at_least_0((high_m - self.origin.z) / self.unit_m, &[(2, 1.0)]);
             self.cones.at_least_0((self.origin.z - low_m) / self.unit_m, &[(2, -1.0)]);
         }
-    }
-
-    /// Adds a disk on the ground: `‖(q − centre)/ρ‖ ≤ 1`.
-    fn stay_within(&mut self, centre: &Position, radius_m: f64) {
-        let from_centre = (self.origin.xy() - centre) / radius_m;
-        self.cones.cone(SecondOrderConeT(3));
-        self.cones.row(1.0, &[]);
-        self.cones.row(from_centre.x, &[(0, -self.unit_m / radius_m)]);
-        self.cones.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
     }
 
     /// Adds one SN's terms of the objective, divided by `scale_bps`, and its two cones. `v` is the index of its
@@ -197,7 +189,7 @@ impl Program {
     /// The solution; `None` unless Clarabel reports the status `Solved`.
     fn solve(self) -> Option<Point3<f64>> {
         let found = self.cones.solve(TOLERANCE)?;
-        Some(self.origin + Vector3::new(found[0], found[1], found[2]) * self.unit_m)
+        Some(self.origin + Vector3::new(found.x[0], found.x[1], found.x[2]) * self.unit_m)
     }
 }
 

@@ -9,9 +9,11 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
+use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
+use skysink_planner::strategy::Registered;
 
 /// A field over which both planners plan.
 #[derive(Debug, Clone)]
@@ -36,7 +38,9 @@ impl Case {
 fn undivided(scenario: &Scenario, sensors: &[SensorNode]) -> Planner {
     let sensors = Sensors::of(scenario, sensors);
     let grid = Grid::new(&sensors.positions, f64::INFINITY);
-    Planner::over(scenario, Arc::new(Sensors { grid, ..sensors })).unwrap()
+    let make = Registered::of(scenario).unwrap().make;
+    let sensors = Arc::new(Sensors { grid, ..sensors });
+    Planner::over(scenario, sensors, &mut |setup| Ok(make(setup)), None, &Stop::default()).unwrap()
 }
 
 /// Shares of the side: anywhere, on the area's border, and on a lattice that is one of cells' borders, too.

@@ -13,7 +13,6 @@ use crate::mission_table::MissionTable;
 /// Cells of a disk in each direction.
 const GRID: usize = 4;
 
-/// Cells of a disk.
 const CELLS: usize = GRID * GRID;
 
 /// Nearest sensors of each sensor, to which legs run from cell to cell; other legs run from rim to rim.

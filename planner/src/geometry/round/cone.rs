@@ -2,15 +2,18 @@
 //!
 //! The search moves one point at a time, which can end where two points lie together; this moves all at once.
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+use clarabel::solver::SupportedConeT::SecondOrderConeT;
 use nalgebra::Vector2;
 use skysink_common::geometry::Position;
 
 use super::stops::DiskField;
+use crate::cone_program::ConeProgram;
 
 /// Rows of a cone: a bound, and a vector that is no longer.
 const ROWS: usize = 3;
+
+/// Tolerance of Clarabel.
+const TOLERANCE: f64 = 1e-8;
 
 /// A solution: points, and for each leg a vector no longer than 1, which bounds the length from below.
 pub struct Shortest {
@@ -38,65 +41,33 @@ pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let scaled = |position: Position| (position - origin) / unit_m;
     let legs = if field.is_closed { stops } else { stops - 1 };
     // Variables: x and y of each free point, then the length of each leg.
-    let variables = 2 * order.len() + legs;
-    let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); variables];
-    let mut offsets = Vec::new();
-    let mut cost = vec![0.0; variables];
+    let mut program = ConeProgram::new(2 * order.len() + legs);
+    program.quadratic.clear();
     for leg in 0..legs {
-        let row = offsets.len();
         let length = 2 * order.len() + leg;
-        cost[length] = 1.0;
-        columns[length].push((row, -1.0));
-        // The start is the origin.
-        for (stop, sign) in [(leg, 1.0), ((leg + 1) % stops, -1.0)].into_iter().filter(|(stop, _)| *stop >= fixed) {
-            columns[2 * (stop - fixed)].push((row + 1, sign));
-            columns[2 * (stop - fixed) + 1].push((row + 2, sign));
+        program.linear[length] = 1.0;
+        program.cone(SecondOrderConeT(ROWS));
+        program.row(0.0, &[(length, -1.0)]);
+        for axis in 0..2 {
+            // The start is the origin.
+            let free = [(leg, 1.0), ((leg + 1) % stops, -1.0)].into_iter().filter(|(stop, _)| *stop >= fixed);
+            let factors: Vec<(usize, f64)> = free.map(|(stop, sign)| (2 * (stop - fixed) + axis, sign)).collect();
+            program.row(0.0, &factors);
         }
-        offsets.extend([0.0; ROWS]);
     }
     for (stop, &disk) in order.iter().enumerate() {
-        let row = offsets.len();
-        let at = scaled(centre(disk));
-        columns[2 * stop].push((row + 1, -1.0));
-        columns[2 * stop + 1].push((row + 2, -1.0));
-        offsets.extend([field.inner_m / unit_m, -at.x, -at.y]);
+        program.stay_within(field.inner_m / unit_m, &-scaled(centre(disk)), 2 * stop, 1.0);
     }
-    let mut begins = vec![0];
-    let (mut rows, mut values) = (Vec::new(), Vec::new());
-    for column in &mut columns {
-        column.sort_unstable_by_key(|(row, _)| *row); // as the matrix requires
-        rows.extend(column.iter().map(|(row, _)| *row));
-        values.extend(column.iter().map(|(_, value)| *value));
-        begins.push(rows.len());
-    }
-    let matrix = CscMatrix::new(offsets.len(), variables, begins, rows, values);
-    let cones = vec![SupportedConeT::SecondOrderConeT(ROWS); offsets.len() / ROWS];
-    let objective = CscMatrix::zeros((variables, variables));
-    let mut solver = DefaultSolver::new(&objective, &cost, &matrix, &offsets, &cones, settings()).ok()?;
-    solver.solve();
-    let solution = &solver.solution;
-    (solution.status == SolverStatus::Solved).then(|| {
-        let free = solution.x[..2 * order.len()].chunks(2).zip(order).map(|(point, &disk)| {
-            // An interior-point solution may lie a little outside.
-            let away = origin + Vector2::new(point[0], point[1]) * unit_m - centre(disk);
-            centre(disk) + away * (field.inner_m / away.norm().max(f64::MIN_POSITIVE)).min(1.0)
-        });
-        // The dual cone of a leg is (1, −u).
-        let directions = solution.z[..ROWS * legs].chunks(ROWS).map(|cone| {
-            let vector = -Vector2::new(cone[1], cone[2]);
-            vector / vector.norm().max(1.0)
-        });
-        Shortest { points: field.start.into_iter().chain(free).collect(), directions: directions.collect() }
-    })
-}
-
-/// Repeatable results: one thread, no time limit.
-fn settings() -> DefaultSettings<f64> {
-    DefaultSettings {
-        verbose: false,
-        max_threads: 1,
-        direct_solve_method: "qdldl".to_owned(),
-        time_limit: f64::INFINITY,
-        ..DefaultSettings::default()
-    }
+    let solution = program.solve(TOLERANCE)?;
+    let free = solution.x[..2 * order.len()].chunks(2).zip(order).map(|(point, &disk)| {
+        // An interior-point solution may lie a little outside.
+        let away = origin + Vector2::new(point[0], point[1]) * unit_m - centre(disk);
+        centre(disk) + away * (field.inner_m / away.norm().max(f64::MIN_POSITIVE)).min(1.0)
+    });
+    // The dual cone of a leg is (1, −u).
+    let directions = solution.z[..ROWS * legs].chunks(ROWS).map(|cone| {
+        let vector = -Vector2::new(cone[1], cone[2]);
+        vector / vector.norm().max(1.0)
+    });
+    Some(Shortest { points: field.start.into_iter().chain(free).collect(), directions: directions.collect() })
 }

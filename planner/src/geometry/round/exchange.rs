@@ -8,7 +8,6 @@ use super::stops::Itinerary;
 /// Longest part that or-opt moves.
 const PART: usize = 8;
 
-/// An exchange of parts of a round.
 #[derive(Clone, Copy)]
 enum Exchange {
     /// What lies between two legs, in the other direction. That of one stop, which changes nothing, stands for no

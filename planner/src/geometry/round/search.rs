@@ -45,7 +45,6 @@ pub enum RoundEffort {
     Time(Duration),
 }
 
-/// The state of a search.
 pub struct RoundSearch<'a> {
     pub(super) field: &'a DiskField,
     pub(super) random: ChaCha8Rng,
@@ -158,14 +157,11 @@ impl<'a> RoundSearch<'a> {
             let may_descend = *times < 4 && insertions <= 40 + 4 * whole.max(self.open.len());
             insertions += 1;
             let (leg, point) = self.best_leg(round, disk);
-            round.insert(
-                self.field,
-                leg,
-                disk,
-                point,
-                if may_descend { 2 } else { 0 },
-                if may_descend { 2 } else { 0 },
-            );
+            if may_descend {
+                round.insert(self.field, leg, disk, point, 2, 2);
+            } else {
+                round.insert(self.field, leg, disk, point, 0, 0);
+            }
         }
     }
 
@@ -188,13 +184,10 @@ impl<'a> RoundSearch<'a> {
         }
         match below(random, 6) {
             0..=2 => open[below(random, open.len())],
-            3 => {
+            drawn @ (3 | 4) => {
                 let from = centre(below(random, field.cover.centres.len()) as u32);
-                by(&|disk| -(centre(disk) - from).norm_squared())
-            }
-            4 => {
-                let from = centre(below(random, field.cover.centres.len()) as u32);
-                by(&|disk| (centre(disk) - from).norm_squared())
+                let sign = if drawn == 3 { -1.0 } else { 1.0 }; // the nearest, or the farthest
+                by(&|disk| sign * (centre(disk) - from).norm_squared())
             }
             _ => {
                 let (sine, cosine) = (std::f64::consts::TAU * fraction(random)).sin_cos();
@@ -220,7 +213,8 @@ impl<'a> RoundSearch<'a> {
             };
             let away_m = (away_m2.sqrt() - field.inner_m).max(0.0);
             beyond_m.push(away_m);
-            let least_m = cost_least_m(round.leg_m(field, leg), away_m);
+            let leg_m = round.leg_m(field, leg);
+            let least_m = (leg_m * leg_m + 4.0 * away_m * away_m).sqrt() - leg_m;
             if least_m < nearest.0 {
                 nearest = (least_m, leg);
             }
@@ -304,9 +298,4 @@ impl<'a> RoundSearch<'a> {
             round.remove(self.field, low, low + length);
         }
     }
-}
-
-/// Least detour [m] to a rim `beyond_m` [m] from a leg of `leg_m` [m].
-fn cost_least_m(leg_m: f64, beyond_m: f64) -> f64 {
-    (leg_m * leg_m + 4.0 * beyond_m * beyond_m).sqrt() - leg_m
 }

@@ -140,15 +140,11 @@ impl Itinerary {
             centres.iter().fold(Vector2::zeros(), |sum, centre| sum + centre.coords) / centres.len().max(1) as f64;
         let away_m2 = |&disk: &usize| (centres[disk].coords - middle).norm_squared();
         let farthest = (0..centres.len()).max_by(|a, b| away_m2(a).total_cmp(&away_m2(b)));
-        let first = match (field.start, farthest) {
-            (Some(point), _) => Some(Touch { point, disk: NO_DISK, is_dirty: true }),
-            (None, Some(disk)) => Some(Touch { point: centres[disk], disk: disk as u32, is_dirty: true }),
-            (None, None) => None,
-        };
+        let stop = |point: Position, disk: u32| Touch { point, disk, is_dirty: true };
+        let farthest = farthest.map(|disk| stop(centres[disk], disk as u32));
+        let first = field.start.map(|point| stop(point, NO_DISK)).or(farthest);
         let mut round = Self { stops: first.into_iter().collect(), counts: vec![0; centres.len()], length_m: 0.0 };
-        if let Some(stop) = first {
-            field.cover.count(&mut round.counts, &stop.point, &stop.point, 1);
-        }
+        round.count_legs(field, 0, round.stops.len(), 1);
         round
     }
 

@@ -25,7 +25,6 @@ pub enum Service {
     Capacity,
 }
 
-/// The objective.
 pub(super) struct QueueWeightObjective {
     /// Price of energy, V [bit²/J].
     pub(super) price_bits2_per_j: f64,
@@ -62,7 +61,7 @@ impl QueueWeightObjective {
     pub(super) fn term_bits2(&self, view: &View, uav: &Point3<f64>, id: u32) -> u64 {
         let table = view.table;
         let queue_bits = u64::from(view.belief.queues_bits[id as usize]);
-        let capacity_bits = table.channel.capacity_bits(table.channel.expected_rate_bps(&table.uplink(id, uav)));
+        let capacity_bits = table.capacity_bits(id, uav);
         let term_bits2 = queue_bits.saturating_mul(match self.service {
             Service::Upload => capacity_bits.min(queue_bits),
             Service::Capacity => capacity_bits,

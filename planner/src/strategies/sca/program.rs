@@ -26,9 +26,9 @@ use skysink_common::geometry::{Position, above};
 
 use super::rehearsal::Rehearsal;
 use super::stops::{FlownService, TimedStop, range};
+use crate::cone_program::ConeProgram;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
-use crate::waypoint::cone_program::ConeProgram;
 
 /// Tolerance of Clarabel: what is found is rounded to slots, and only better flights are kept.
 const TOLERANCE: f64 = 1e-6;
@@ -82,7 +82,6 @@ fn moved(flight: &Rehearsal, stop: &TimedStop, found: &[f64]) -> TimedStop {
 /// A service with its variables.
 #[derive(Clone, Copy)]
 struct StopVisit {
-    /// The index of its stop.
     stop: usize,
     service: FlownService,
     /// The index of its first variable.
@@ -142,7 +141,7 @@ impl<'a> StopProgram<'a> {
         for visit in visits.iter().flat_map(|(_, visits, _)| visits) {
             self.carry(visit);
         }
-        self.cones.solve(TOLERANCE)
+        self.cones.solve(TOLERANCE).map(|solution| solution.x)
     }
 
     /// Whole slots of flight and service.
@@ -237,11 +236,7 @@ impl<'a> StopProgram<'a> {
         for service in &stop.services {
             let reached = range(table, service.id);
             let from_centre = (stop.point - reached.centre) / reached.radius_m;
-            self.cones.cone(SecondOrderConeT(3));
-            self.cones.row(from_centre.norm().max(WITHIN), &[]);
-            for axis in 0..2 {
-                self.cones.row(from_centre[axis], &[(x + axis, -reach_m / reached.radius_m)]);
-            }
+            self.cones.stay_within(from_centre.norm().max(WITHIN), &from_centre, x, reach_m / reached.radius_m);
         }
     }
 

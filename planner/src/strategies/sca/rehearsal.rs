@@ -6,9 +6,8 @@ use skysink_common::arrivals::sampled_bits;
 use skysink_common::belief::Believed;
 use skysink_common::geometry::Position;
 
-use super::stops::{FlownService, TimedStop, range, stops_of};
+use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
-use crate::strategies::nearby::fullest_first;
 use crate::strategies::serving::Serving;
 use crate::strategies::turns::InTurn;
 use crate::strategy::{Decision, Strategy, Timing, View};
@@ -16,7 +15,6 @@ use crate::strategy::{Decision, Strategy, Timing, View};
 /// Part of a slot by which the point of a stop may be missed.
 const MISSED_SLOTS: f64 = 1e-4;
 
-/// A planned flight.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct FlightPlan {
     /// Its first slot.
@@ -35,12 +33,9 @@ impl FlightPlan {
     }
 }
 
-/// A slot that was flown.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FlownSlot {
-    /// Where it ended.
     pub end: Position,
-    /// What was served there.
     pub services: Vec<FlownService>,
 }
 
@@ -87,11 +82,9 @@ impl<'a> Rehearsal<'a> {
 
     /// What a strategy sees in the next slot.
     fn now(&self) -> View<'_> {
-        let View { table, battery, stop, .. } = self.view;
         let slot = self.slot();
-        let belief = Believed::known(slot.saturating_sub(1), &table.sensors, &self.queues_bits);
-        let (position, timing, links, neighbours) = (self.position, Timing::Free, None, None);
-        View { slot, position, battery, belief, table, timing, links, neighbours, stop }
+        let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, &self.queues_bits);
+        View { slot, position: self.position, belief, timing: Timing::Free, links: None, neighbours: None, ..self.view }
     }
 
     /// Flies a slot: SNs sample and overflow, then the scheduled ones upload.
@@ -130,9 +123,7 @@ impl<'a> Rehearsal<'a> {
 
     /// Flies a slot to `end`, and serves first the SNs `first` and then the fullest in range.
     fn fly_to(&mut self, serving: &mut Serving, end: &Position, first: &[u32]) {
-        let now = self.now();
-        let key = |id: u32| (!first.contains(&id), fullest_first(now.value(id), id));
-        let decision = serving.serve_by(&now, end, key);
+        let decision = serving.serve_first(&self.now(), end, |id| first.contains(&id));
         self.fly(&decision);
     }
 
@@ -203,12 +194,6 @@ impl<'a> Rehearsal<'a> {
         deadlines.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, id)| id)
     }
 
-    /// The stops of the flight, without services that save nothing.
-    pub fn stops(&self) -> Vec<TimedStop> {
-        stops_of(self)
-    }
-
-    /// The plan to fly it.
     pub fn into_plan(self) -> FlightPlan {
         FlightPlan {
             first: self.view.slot,

@@ -12,7 +12,6 @@ const FILLED: f64 = 0.25;
 /// The service of a sensor node (SN) in a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FlownService {
-    /// The SN.
     pub id: u32,
     /// What it uploads [bit].
     pub bits: u64,
@@ -23,7 +22,6 @@ pub(super) struct FlownService {
 /// Slots that follow on each other and serve the same SNs.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TimedStop {
-    /// Where it is.
     pub point: Position,
     /// The services, one for each SN, ascending by id; bits are those of its last slot.
     pub services: Vec<FlownService>,
@@ -36,12 +34,10 @@ pub(super) struct TimedStop {
 }
 
 impl TimedStop {
-    /// The SNs it serves.
     pub fn ids(&self) -> Vec<u32> {
         self.services.iter().map(|service| service.id).collect()
     }
 
-    /// The whole slots in which it serves.
     pub fn whole_slots(&self) -> u64 {
         self.slots.round().max(1.0) as u64
     }
@@ -52,7 +48,6 @@ impl TimedStop {
     }
 }
 
-/// The range of SN `id`.
 pub(super) fn range(table: &MissionTable, id: u32) -> Disk {
     Disk { centre: *table.sensors.position(id), radius_m: table.limits.comm_radius_m }
 }
@@ -100,7 +95,6 @@ fn goes_on(table: &MissionTable, stop: &TimedStop, end: &Position, services: &[F
     all_short && services.iter().any(is_again) && project(end, &ranges).is_some()
 }
 
-/// Adds services to a stop.
 fn join(stop: &mut TimedStop, services: &[FlownService]) {
     for service in services {
         match stop.services.binary_search_by_key(&service.id, |other| other.id) {

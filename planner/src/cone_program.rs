@@ -1,14 +1,13 @@
 //! A cone program that is written row by row, solved by Clarabel.
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::SupportedConeT::{self, NonnegativeConeT};
-use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
-
-use super::conic;
+use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
+use clarabel::solver::{DefaultSettings, DefaultSolution, DefaultSolver, IPSolver, SolverStatus};
+use nalgebra::Vector2;
 
 /// The program `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`, with a diagonal `P`.
 pub(crate) struct ConeProgram {
-    /// The diagonal of `P`.
+    /// The diagonal of `P`; empty for `P = 0`.
     pub quadratic: Vec<f64>,
     /// `c`.
     pub linear: Vec<f64>,
@@ -59,24 +58,39 @@ impl ConeProgram {
         self.row(offset, factors);
     }
 
+    /// Keeps a point within `radius`: it is at `from_centre` plus `unit` times the variables `x` and the one after it.
+    pub fn stay_within(&mut self, radius: f64, from_centre: &Vector2<f64>, x: usize, unit: f64) {
+        self.cone(SecondOrderConeT(3));
+        self.row(radius, &[]);
+        self.row(from_centre.x, &[(x, -unit)]);
+        self.row(from_centre.y, &[(x + 1, -unit)]);
+    }
+
     /// The solution to this tolerance; `None` unless Clarabel reports the status `Solved`.
-    pub fn solve(self, tolerance: f64) -> Option<Vec<f64>> {
+    pub fn solve(self, tolerance: f64) -> Option<DefaultSolution<f64>> {
         let height = self.offsets.len();
         let width = self.linear.len();
         let constraints = CscMatrix::new_from_triplets(height, width, self.rows, self.columns, self.values);
-        let diagonal: Vec<usize> = (0..width).collect();
+        let diagonal: Vec<usize> = (0..self.quadratic.len()).collect();
         let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
-        let settings = DefaultSettings {
-            equilibrate_enable: true, // a new solver for each program: results do not depend on earlier ones
-            tol_feas: tolerance,
-            tol_gap_abs: tolerance,
-            tol_gap_rel: tolerance,
-            ..conic::settings()
-        };
+        let settings =
+            DefaultSettings { tol_feas: tolerance, tol_gap_abs: tolerance, tol_gap_rel: tolerance, ..settings() };
         let mut solver =
             DefaultSolver::new(&quadratic, &self.linear, &constraints, &self.offsets, &self.cones, settings)
                 .expect("the shapes agree by construction");
         solver.solve();
-        (solver.solution.status == SolverStatus::Solved).then_some(solver.solution.x)
+        (solver.solution.status == SolverStatus::Solved).then_some(solver.solution)
+    }
+}
+
+/// Repeatable results: one thread, and no time limit.
+pub(crate) fn settings() -> DefaultSettings<f64> {
+    DefaultSettings {
+        verbose: false,
+        max_threads: 1,
+        direct_solve_method: "qdldl".to_owned(),
+        time_limit: f64::INFINITY,
+        presolve_enable: false,
+        ..DefaultSettings::default()
     }
 }
