@@ -80,7 +80,7 @@ pub fn sweep(
         let fly_one = |mission: MissionKey| -> Result<(), LabError> {
             stop.check()?;
             let begin = Instant::now();
-            let row = fly(sweep, mission, stop)?;
+            let row = fly_scenario(&sweep.scenario(mission)?, mission, stop)?;
             let (record, work) = &mut *record.lock().unwrap_or_else(PoisonError::into_inner);
             record.add(&row)?;
             work.add(mission.strategy, begin.elapsed());
@@ -103,18 +103,8 @@ fn move_first_of_each_strategy_to_front(missions: &mut [MissionKey]) {
     }
 }
 
-/// Simulates a mission of the sweep with a strategy of the registry.
-///
-/// # Errors
-/// If the mission is refused, or on a stop.
-///
-/// # Panics
-/// If the mission does not belong to this sweep.
-pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
-    fly_scenario(&sweep.scenario(key)?, key, stop)
-}
-
-/// Simulates a mission of a sweep over another scenario than the sweep's own, such as one with arrivals in memory.
+/// Simulates the mission `key` of a sweep, with a strategy of the registry, over its scenario or another one, such as
+/// one with arrivals in memory.
 ///
 /// # Errors
 /// If the mission is refused, or on a stop.

@@ -50,8 +50,6 @@ impl TrackPoint<'_> {
 /// What is left in a battery.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatteryLevel {
-    /// Its energy [J].
-    pub energy_j: f64,
     /// Its energy, as a fraction of the capacity.
     pub fraction: f64,
     /// Whether it has charged in the slot before.
@@ -154,7 +152,7 @@ impl<'a> GeodeticTrack<'a> {
         let battery = Battery::of(&self.run.scenario)?;
         let energy_j = point.slot.map_or(battery.initial_j, |slot| slot.energy_j);
         let is_charging = point.slot.is_some_and(|slot| slot.mode == Mode::Charge);
-        Some(BatteryLevel { energy_j, fraction: energy_j / battery.capacity_j, is_charging })
+        Some(BatteryLevel { fraction: energy_j / battery.capacity_j, is_charging })
     }
 
     /// Bits that the UAV collects in the slot that ends at the point number `index`.
