@@ -2,19 +2,19 @@
 //!
 //! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
-pub mod arrivals;
-pub mod doubts;
-pub mod energy;
-pub mod figures;
-pub mod fit;
-pub mod flights;
-pub mod links;
-pub mod motion;
-pub mod quantity;
-pub mod radio;
-pub mod shortfalls;
-pub mod verdict;
-pub mod warnings;
+mod arrivals;
+mod doubts;
+mod energy;
+mod figures;
+mod fit;
+mod flights;
+mod links;
+mod motion;
+mod quantity;
+mod radio;
+pub(crate) mod shortfalls;
+mod verdict;
+mod warnings;
 
 use clap::Args;
 use serde::Serialize;
@@ -63,9 +63,6 @@ pub struct CheckCommand {
 impl CheckCommand {
     /// Prints all keys of the scenario, with the figures as comments, or only the figures as JSON. Prints warnings on
     /// standard error.
-    ///
-    /// # Errors
-    /// If the scenario or its sensor list is refused, or the output cannot be written.
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let scenario = self.scenario.read(self.changes.overrides())?;
         let list = SensorList::of(&scenario)?;

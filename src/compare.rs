@@ -73,9 +73,6 @@ pub struct CompareCommand {
 
 impl CompareCommand {
     /// Simulates missing missions, prints the standings, and writes a recording.
-    ///
-    /// # Errors
-    /// If an input is refused, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         match &self.what[..] {
             [folder] if folder.is_dir() => self.repeat(folder, stop),

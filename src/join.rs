@@ -71,10 +71,6 @@ pub struct JoinCommand {
 
 impl JoinCommand {
     /// Runs the processes until the launcher releases the ring.
-    ///
-    /// # Errors
-    /// If the ring uses another scenario or protocol version, a process ends and is not restarted, the launcher's
-    /// heartbeat times out, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;

@@ -127,10 +127,6 @@ pub struct NewCommand {
 
 impl NewCommand {
     /// Writes the scenario and its sensor list, both or none.
-    ///
-    /// # Errors
-    /// If the name or the positions are refused, the folder is a file, a file exists, or a file cannot be
-    /// written.
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));

@@ -46,9 +46,6 @@ pub struct SimulateCommand {
 
 impl SimulateCommand {
     /// Simulates the mission and prints its results.
-    ///
-    /// # Errors
-    /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario = self.scenario.read(self.options.overrides())?;
         let list = SensorList::of(&scenario)?;
@@ -72,9 +69,6 @@ pub struct Simulation {
 
 /// Simulates a mission over the sensor nodes `list` and returns its folder and summary. After a stop, the folder is
 /// complete up to the last slot.
-///
-/// # Errors
-/// If something cannot be written, another process changes the folder, or on a stop.
 pub fn simulate(
     simulation: &Simulation,
     list: &SensorList,

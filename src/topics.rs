@@ -99,9 +99,6 @@ impl RunClock {
 
 impl TopicsCommand {
     /// Polls the topics twice and prints them.
-    ///
-    /// # Errors
-    /// If the ring does not exist or cannot be read, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let ring = self.open_ring()?;
         let begin = Instant::now();

@@ -13,7 +13,6 @@ const SPARSE: f64 = 10.0;
 const LEAST_REACH_M: f64 = 1.0;
 
 /// The warnings for `scenario` with these figures, one line each.
-#[must_use]
 pub fn of(scenario: &Scenario, figures: &Figures) -> Vec<String> {
     [paper_values(scenario, figures), short_slot(scenario, figures), too_few_slots(figures), no_rate_at_radius(figures)]
         .into_iter()

@@ -8,7 +8,6 @@ use super::quantity::{percent, scaled};
 use super::verdict::LossFree;
 
 /// The warnings for these figures, one line each.
-#[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
     let rules: [fn(&Figures) -> Option<String>; 14] = [
         in_transit,

@@ -116,9 +116,6 @@ struct Flights {
 
 impl LibraryCommand {
     /// Does what is asked.
-    ///
-    /// # Errors
-    /// If an instance, a run or a plan file is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { action, folder, form } = self;
         let library = Library::of(folder);

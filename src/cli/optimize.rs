@@ -41,9 +41,6 @@ pub struct OptimizeCommand {
 
 impl OptimizeCommand {
     /// Searches, flies the best known flight, and prints the comparison with all strategies.
-    ///
-    /// # Errors
-    /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario_of = |strategy: &Registered| {
             let overrides = Overrides { strategy: Some(strategy.name), ..self.changes.overrides() };

@@ -57,9 +57,6 @@ pub struct SweepCommand {
 
 impl SweepCommand {
     /// Simulates the missions, or prints their number and estimated time.
-    ///
-    /// # Errors
-    /// If the sweep file or the output folder is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let seeds =
             self.seeds.map(|seeds| if let [count] = seeds[..] { Seeds::Count(count) } else { Seeds::List(seeds) });

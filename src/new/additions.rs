@@ -40,9 +40,6 @@ pub struct Additions {
 #[cfg(feature = "lab")]
 impl Additions {
     /// Adds a map of links of the sensor nodes in `list`.
-    ///
-    /// # Errors
-    /// If two of them stand at one place.
     pub fn add_map(&mut self, map: LinkMap, list: &SensorList) -> Result<(), String> {
         let place = |id: usize| list.sensors()[id].position;
         let mut by_place: Vec<usize> = (0..list.sensors().len()).collect();

@@ -27,9 +27,6 @@ pub struct Terrain<'a> {
 
 impl<'a> Terrain<'a> {
     /// Reads the grid in the file `path`.
-    ///
-    /// # Errors
-    /// If it is refused.
     pub fn read(path: &'a Path, clearance_m: f64) -> Result<Self, InputError> {
         Ok(Self { path, grid: HeightGrid::read(path)?, clearance_m })
     }

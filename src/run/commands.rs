@@ -72,7 +72,6 @@ impl FromStr for VehicleOption {
 
 impl VehicleOption {
     /// The command, unless the bridge flies.
-    #[must_use]
     pub fn command(&self) -> Option<&CommandLine> {
         match self {
             Self::Command(command) => Some(command),
@@ -81,7 +80,6 @@ impl VehicleOption {
     }
 
     /// The addresses, if the bridge flies.
-    #[must_use]
     pub fn addresses(&self) -> Option<&str> {
         match self {
             Self::Mavlink(addresses) => Some(addresses),
@@ -125,9 +123,6 @@ impl<'a> Replacements<'a> {
     }
 
     /// Refuses a role that is left to the user, too, and a command that is none.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
     pub fn check(self, external: &[Role]) -> Result<(), Error> {
         for (role, option) in self.roles() {
             let name = role.name();

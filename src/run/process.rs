@@ -69,15 +69,11 @@ pub enum ProcessChange {
 
 impl Process {
     /// The process of `role`, or the link to other hosts, not started yet.
-    #[must_use]
     pub fn new(role: Option<Role>, invocation: Invocation, restarts: Restarts) -> Self {
         Self { role, invocation, child: None, started: Instant::now(), messages: None, restarts, due: None }
     }
 
     /// Starts or restarts the process.
-    ///
-    /// # Errors
-    /// If the program cannot be started.
     pub fn start(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         self.join_messages();
         self.due = None;
@@ -110,13 +106,11 @@ impl Process {
     }
 
     /// Whether the process is running.
-    #[must_use]
     pub fn is_running(&self) -> bool {
         self.child.is_some()
     }
 
     /// Whether the process has ended and will not be restarted.
-    #[must_use]
     pub fn has_ended(&self) -> bool {
         self.child.is_none() && self.due.is_none()
     }

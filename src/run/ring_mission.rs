@@ -35,9 +35,6 @@ const MESSAGE_TIMEOUT_S: f64 = 30.0;
 const EXTERNAL_TIMEOUT_S: f64 = 600.0;
 
 /// Creates the ring folder of a mission and joins its iceoryx2 domain. `pace` limits the speed of the slots.
-///
-/// # Errors
-/// If the scenario is refused, or the folder cannot be created.
 pub fn make_ring(
     scenario: &Scenario,
     options: &RunOptions,

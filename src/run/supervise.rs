@@ -56,7 +56,6 @@ pub struct Worker {
 
 impl Worker {
     /// The process of `role`, not started yet.
-    #[must_use]
     pub fn new(role: Role, invocation: Invocation, policy: Restart) -> Self {
         let process = Process::new(Some(role), invocation, Restarts::new(policy, &OF_WORKERS));
         Self { role, process, heartbeat: Heartbeat::after(None) }
@@ -113,9 +112,6 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
 
     /// Polls the processes once; adds changes to the tally, prints them and publishes them on `health`. Returns the
     /// restart count of the current viewer.
-    ///
-    /// # Errors
-    /// As [`Workers::watch`].
     pub fn supervise(&mut self, tally: &mut Tally, sample: Option<SampleEvent>) -> Result<u32, Error> {
         self.run.progress.show_run(tally, self.run.last_slot);
         let slot = tally.last_slot() + 1;
@@ -159,7 +155,6 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Whether all workers with a role selected by `is_selected` have ended and will not be restarted.
-    #[must_use]
     pub fn have_ended(&self, is_selected: impl Fn(Role) -> bool) -> bool {
         self.run.workers.iter().filter(|worker| is_selected(worker.role)).all(|worker| worker.process.has_ended())
     }
@@ -206,13 +201,11 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Whether there is a heartbeat from an external process on another host.
-    #[must_use]
     pub fn is_external_alive(&self) -> bool {
         self.external.iter().any(ExternalProcess::is_heard)
     }
 
     /// Whether an external process on another host has sent no heartbeat for `limit`.
-    #[must_use]
     pub fn is_external_silent_for(&self, limit: Duration) -> bool {
         self.external.iter().any(|external| external.is_silent_for(self.begin, limit))
     }
