@@ -175,17 +175,22 @@ fn summary_csv(
 /// The means of η that few fields determine, by strategy and point; none for a single seed.
 #[must_use]
 pub fn few(SweepJournal { definition, rows, .. }: &SweepJournal) -> Vec<(String, Concentration)> {
-    let mut few = Vec::new();
-    for point in 0..definition.points.len() {
-        for (strategy, name) in definition.strategies.iter().enumerate() {
-            let losses = missions_of(rows, point, strategy).map(|row| row[Metric::LossRate]);
-            let concentration = Concentration::of(losses);
-            if concentration.is_few() {
-                few.push((named(definition, name, point), concentration));
-            }
-        }
-    }
-    few
+    let strategies = 0..definition.strategies.len();
+    let means = (0..definition.points.len()).flat_map(|point| strategies.clone().map(move |strategy| (point, strategy)));
+    few_of(definition, rows, means)
+}
+
+/// Those of these means of η, by point and strategy, that few fields determine.
+pub(crate) fn few_of(
+    definition: &Definition,
+    rows: &MissionRows,
+    means: impl Iterator<Item = (usize, usize)>,
+) -> Vec<(String, Concentration)> {
+    let mean = |(point, strategy): (usize, usize)| {
+        let losses = missions_of(rows, point, strategy).map(|row| row[Metric::LossRate]);
+        (named(definition, &definition.strategies[strategy], point), Concentration::of(losses))
+    };
+    means.map(mean).filter(|(_, concentration)| concentration.is_few()).collect()
 }
 
 /// A strategy at a point, for messages: only keys that vary are named.
