@@ -14,7 +14,6 @@ use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{SweepTask, sweep};
 use skysink_planner::settings;
-use skysink_planner::strategy::Registered;
 use toml::Table;
 
 use crate::error::{Error, ended_early, flown_in};
@@ -31,32 +30,16 @@ pub struct ShownContender {
     pub run: Option<PathBuf>,
 }
 
-/// Strategies over the fields of a scenario.
-#[derive(Debug)]
-pub struct ComparedStrategies {
-    /// The scenario file.
-    pub scenario: PathBuf,
-    /// Changes of its keys.
-    pub overrides: Overrides,
-    /// The strategies.
-    pub strategies: Vec<&'static Registered>,
-    /// Number of consecutive seeds, starting at the scenario's.
-    pub seeds: u64,
-}
-
-impl ComparedStrategies {
-    /// The sweep of the strategies over the scenario.
-    pub fn sweep(&self) -> Result<Sweep, Error> {
-        let path = &self.scenario;
-        let scenario = Scenario::read(path, self.overrides.clone()).and_then(settings::resolve)?;
-        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
-        let base = SweepBase { path: path.clone(), table, held: Overrides::default() };
-        let seeds = (scenario.seed..).take(self.seeds as usize).collect();
-        let strategies = self.strategies.iter().map(|strategy| strategy.name.to_owned()).collect();
-        let settings =
-            SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
-        Ok(Sweep::new(path, settings)?)
-    }
+/// The sweep of strategies over the scenario file `path` with these changes, and with consecutive seeds, as many as
+/// `seeds`, from the scenario's on.
+pub fn sweep_of(path: &Path, overrides: Overrides, strategies: Vec<String>, seeds: u64) -> Result<Sweep, Error> {
+    let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
+    let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+    let base = SweepBase { path: path.to_owned(), table, held: Overrides::default() };
+    let seeds = (scenario.seed..).take(seeds as usize).collect();
+    let settings =
+        SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
+    Ok(Sweep::new(path, settings)?)
 }
 
 /// Runs or resumes the sweep `plan` over one scenario in the folder `out`.
