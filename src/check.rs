@@ -6,7 +6,6 @@ mod arrivals;
 mod doubts;
 mod energy;
 mod figures;
-mod fit;
 mod flights;
 mod links;
 mod motion;
@@ -68,8 +67,7 @@ impl CheckCommand {
         let list = SensorList::of(&scenario)?;
         let figures = Figures::of(&scenario, &list)?;
         let mut warnings = doubts::of(&scenario, &list);
-        warnings.extend(warnings::of(&figures));
-        warnings.extend(fit::of(&scenario, &figures));
+        warnings.extend(warnings::of(&scenario, &figures));
         let all: Vec<&str> = STRATEGIES.iter().map(|strategy| strategy.name).collect();
         let planned = shortfalls::of(&scenario, &list, &all);
         if self.json {
