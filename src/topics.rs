@@ -17,7 +17,7 @@ use skysink_ring::topic::SamplesPerSlot;
 use skysink_ring::topics::{Ring, monotonic_ns};
 
 use crate::error::Error;
-use crate::report::{print, table, with_numbers_from};
+use crate::report::{OutputForm, print, table, with_numbers_from};
 use crate::run::options::seconds;
 
 /// Index of the first numeric column of the table.
@@ -50,9 +50,8 @@ pub struct TopicsCommand {
     /// Time over which the rates are measured [s]; in a paced run at least one slot, by samples sent before.
     #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = seconds())]
     every: f64,
-    /// Print JSON instead of the table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    form: OutputForm,
 }
 
 /// A topic with its rate and its age.
@@ -113,17 +112,16 @@ impl TopicsCommand {
         let slot = second.iter().filter_map(|topic| topic.slot).max();
         let clock = RunClock { period_s, now_ns, is_under_way: slot >= Some(UNDER_WAY) };
         let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before, &clock)).collect();
-        if self.json {
-            return print(serde_json::to_string_pretty(&rated).expect("plain numbers and strings"));
-        }
-        print_table(&rated)?;
-        match period_s {
-            Some(period_s) => print(pace_line(&rated, period_s)),
-            None if ring.terms.pace != Pace::Max => {
-                print("No tick has arrived: slot 1 has not begun, or field-sim does not answer")
+        self.form.print(&rated, || {
+            print_table(&rated)?;
+            match period_s {
+                Some(period_s) => print(pace_line(&rated, period_s)),
+                None if ring.terms.pace != Pace::Max => {
+                    print("No tick has arrived: slot 1 has not begun, or field-sim does not answer")
+                }
+                None => Ok(()),
             }
-            None => Ok(()),
-        }
+        })
     }
 
     /// Opens the ring given by the argument, or the only running one.
