@@ -16,7 +16,7 @@ use skysink_mission::record::{RunFolder, is_run_folder};
 use crate::error::Error;
 use crate::options::{NewFolder, strategy};
 use crate::report::{OutputForm, figure, print, table, with_numbers_from};
-use crate::simulate::{Simulation, simulate};
+use crate::simulate::simulate;
 
 /// Named instances with the best known flight of each, to compare planners on.
 #[derive(Debug, Args)]
@@ -178,8 +178,7 @@ fn fly(open: &OpenInstance, overrides: &Overrides, folder: &NewFolder, stop: &St
         let scenario = open.flown_by(Overrides { seed: Some(seed), ..overrides.clone() })?;
         let list = SensorList::of(&scenario)?;
         let mission = Mission::until(&scenario, &list, stop)?;
-        let simulation = Simulation { scenario, folder: folder_of(seed), record: None };
-        let (folder, _) = simulate(&simulation, &list, mission, stop)?;
+        let (folder, _) = simulate(&scenario, &list, mission, &folder_of(seed), None, stop)?;
         Ok(folder.path().to_owned())
     };
     (1..=seeds).map(of_seed).collect()
