@@ -20,6 +20,8 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::keys::{self, Accepts, Key, Keys, dotted};
+#[cfg(feature = "lab")]
+use skysink_common::option_value;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -112,8 +114,8 @@ pub struct NewCommand {
     terrain: Option<PathBuf>,
     /// Least height of the flight above the ground [m].
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", value_parser = clearance,
-          allow_hyphen_values = true)]
+    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", allow_hyphen_values = true,
+          value_parser = option_value::number("0 to 10000 m", |clearance_m| (0.0..=1e4).contains(&clearance_m)))]
     clearance: f64,
     #[command(flatten)]
     hardware: Hardware,
@@ -240,13 +242,6 @@ impl NewCommand {
     ) -> Result<Additions, Error> {
         Ok(Additions::default())
     }
-}
-
-/// Parses a least height above the ground.
-#[cfg(feature = "lab")]
-fn clearance(text: &str) -> Result<f64, String> {
-    let clearance_m = text.parse().ok().filter(|clearance_m: &f64| (0.0..=1e4).contains(clearance_m));
-    clearance_m.ok_or_else(|| "expected 0 to 10000 m".to_owned())
 }
 
 /// Parses the two numbers of a place.

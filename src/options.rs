@@ -59,7 +59,7 @@ impl MissionOptions {
 #[derive(Debug, Clone, Args)]
 pub struct Changes {
     /// Random seed [default: the scenario's].
-    #[arg(long, value_parser = seed())]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     seed: Option<u64>,
     /// Override a scenario key, for example link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -119,8 +119,4 @@ impl RecordingOptions {
 pub fn strategy() -> impl TypedValueParser<Value = &'static str> {
     PossibleValuesParser::new(STRATEGIES.iter().map(|strategy| PossibleValue::new(strategy.name).help(strategy.about)))
         .map(|name| Registered::find(&name).expect("one of the possible values").name)
-}
-
-fn seed() -> impl TypedValueParser<Value = u64> {
-    clap::value_parser!(u64).range(..=i64::MAX as u64)
 }

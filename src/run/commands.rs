@@ -71,14 +71,6 @@ impl FromStr for VehicleOption {
 }
 
 impl VehicleOption {
-    /// The command, unless the bridge flies.
-    pub fn command(&self) -> Option<&CommandLine> {
-        match self {
-            Self::Command(command) => Some(command),
-            Self::Mavlink(_) => None,
-        }
-    }
-
     /// The addresses, if the bridge flies.
     pub fn addresses(&self) -> Option<&str> {
         match self {
@@ -117,7 +109,10 @@ impl<'a> Replacements<'a> {
     pub fn command(self, role: Role) -> Option<&'a CommandLine> {
         match role {
             Role::Planner => self.planner,
-            Role::FlightSim => self.vehicle.and_then(VehicleOption::command),
+            Role::FlightSim => match self.vehicle? {
+                VehicleOption::Command(command) => Some(command),
+                VehicleOption::Mavlink(_) => None,
+            },
             _ => None,
         }
     }

@@ -105,8 +105,7 @@ impl RingMission<'_> {
         let progress = TerminalProgress::of_slots();
         let (ring, wait) = Ring::<ipc::Service>::join(self.ring, scenario, Role::Launcher, self.stop)?;
         let _janitor = Janitor::start(self.ring);
-        let external_s = options.timeout_s(EXTERNAL_TIMEOUT_S, ring.terms.pace, scenario.slot_s);
-        let external = ExternalTimeout { roles: options.patient_roles(), timeout: Duration::from_secs_f64(external_s) };
+        let external = ExternalTimeout { roles: options.patient_roles(), timeout: self.external_timeout() };
         let mut recorder = Recorder::new(&ring, wait, external)?;
         self.announce_external(&progress)?;
         let mut workers = Workers::start(Supervision {
