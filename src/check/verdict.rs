@@ -84,7 +84,6 @@ impl fmt::Display for Round {
 pub struct Bounds<'a> {
     /// All SNs.
     pub table: &'a MissionTable,
-    /// Number of UAVs.
     pub uavs: usize,
     /// The sampling SNs.
     pub field: &'a FieldBits,

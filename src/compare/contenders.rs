@@ -22,7 +22,6 @@ use crate::report::TerminalProgress;
 /// A contender, and its mission in the recording.
 #[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
 pub struct ShownContender {
-    /// The contender.
     pub contender: Contender,
     /// The scenario of the mission in the recording.
     pub scenario: Scenario,

@@ -31,7 +31,6 @@ pub struct Additions {
     /// The tables of zones.
     #[cfg(feature = "lab")]
     pub zones: String,
-    /// Notes to print.
     pub notes: Vec<String>,
     /// What is probably unintended.
     pub warnings: Vec<String>,

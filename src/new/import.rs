@@ -21,9 +21,7 @@ pub(super) const MARGIN_M: f64 = 10.0;
 
 /// The files of a new scenario.
 pub struct Sources<'a> {
-    /// The file of positions.
     pub sensors: Option<&'a Path>,
-    /// The file of zones.
     pub zones: Option<&'a Path>,
     /// Where the UAV starts, in the coordinates of the positions.
     pub start: Option<[f64; 2]>,
@@ -31,7 +29,6 @@ pub struct Sources<'a> {
     pub comm_radius_m: f64,
     /// The flight log, whose flight the area encloses.
     pub log: Option<&'a LoggedFlight>,
-    /// The ground.
     pub terrain: Option<&'a Terrain<'a>>,
 }
 

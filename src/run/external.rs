@@ -15,7 +15,6 @@ use crate::run::heartbeat::{Heartbeat, SILENT_AFTER};
 /// A process of the run that the launcher does not start.
 #[derive(Debug)]
 pub struct ExternalProcess<S: Service> {
-    /// Its role.
     pub role: Role,
     /// Whether it runs on this host.
     is_local: bool,

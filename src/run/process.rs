@@ -30,7 +30,6 @@ const GRACE: Duration = Duration::from_secs(3);
 pub struct Invocation {
     /// The executable, or its name in a folder of PATH.
     pub program: PathBuf,
-    /// Its arguments.
     pub arguments: Vec<OsString>,
     /// Additional environment variables: name and value.
     pub environment: Vec<(&'static str, OsString)>,

@@ -68,7 +68,6 @@ const BACK_OFF_WINDOW: Duration = Duration::from_secs(1);
 /// The restarts of one process.
 #[derive(Debug)]
 pub struct Restarts {
-    /// The policy.
     pub policy: Restart,
     limits: &'static RestartLimits,
     recent: VecDeque<Instant>,

@@ -80,15 +80,10 @@ impl Drop for CleanUpGuard<'_> {
 
 /// A mission in a ring of processes.
 pub struct RingMission<'a> {
-    /// The scenario.
     pub scenario: &'a Scenario,
-    /// The options of the processes.
     pub options: &'a RunOptions,
-    /// Their inputs and outputs.
     pub launch: &'a Launch,
-    /// The folder of the ring.
     pub ring: &'a RingFolder,
-    /// Ends the mission early.
     pub stop: &'a Stop,
 }
 

@@ -31,9 +31,7 @@ const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
 /// What a launcher supervises, and where it reports.
 pub struct Supervision<'a, S: Service + 'static> {
-    /// The ring.
     pub ring: &'a Ring<S>,
-    /// Its folder.
     pub folder: &'a RingFolder,
     /// Prints progress and events.
     pub progress: &'a TerminalProgress,
@@ -43,7 +41,6 @@ pub struct Supervision<'a, S: Service + 'static> {
     pub external: &'a [Role],
     /// The link to other hosts to be started, if any.
     pub link: Option<Process>,
-    /// The last slot of the mission.
     pub last_slot: u64,
 }
 
@@ -81,7 +78,6 @@ pub struct Workers<'a, S: Service + 'static> {
 pub struct SampleEvent {
     /// The sender.
     pub from: Role,
-    /// The event.
     pub event: ProcessEvent,
     /// Whether the process is hung, and must be restarted.
     pub is_hung: bool,

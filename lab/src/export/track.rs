@@ -41,9 +41,7 @@ impl TrackPoint<'_> {
 /// A finished mission in geodetic coordinates.
 #[derive(Debug)]
 pub struct GeodeticTrack<'a> {
-    /// The mission.
     pub run: &'a RecordedRun,
-    /// The number of the UAV.
     pub uav: usize,
     projection: Projection,
     /// The start, then the position after each slot.
