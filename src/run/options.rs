@@ -179,7 +179,7 @@ impl RunOptions {
     }
 
     /// Pace and planner of the run. Options that are not given default to those of the run that is resumed, `before`.
-    pub fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
+    pub(crate) fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
         let before = before.cloned().unwrap_or_default();
         RunMode {
             pace: Some(self.pace.or(before.pace).unwrap_or_default()),
@@ -210,10 +210,7 @@ impl RunOptions {
 
     /// Fails if the run to resume was flown by another planner, or if a process could not restore its checkpoint
     /// because it may be on another host.
-    ///
-    /// # Errors
-    /// If it was, or could not.
-    pub fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
+    pub(crate) fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
         let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
         if let Some(role) = self.external.iter().find(|&&role| self.may_checkpoint_remotely(role)) {
             let name = role.name();
@@ -234,7 +231,7 @@ impl RunOptions {
     }
 
     /// The options to pass with `--resume` to continue this run.
-    pub fn resume_options(&self) -> String {
+    pub(crate) fn resume_options(&self) -> String {
         let roles: Vec<_> = self.external.iter().filter(|&&role| !self.may_checkpoint_remotely(role)).collect();
         let link = self.link.iter().filter(|_| !roles.is_empty()).map(|config| {
             let config = config.to_string_lossy();
@@ -267,10 +264,7 @@ impl RunOptions {
     }
 
     /// Checks that the bridge to vehicles can fly `scenario` at this pace: by the clock, and with a place on Earth.
-    ///
-    /// # Errors
-    /// [`Error::NoBridge`] or [`Error::Usage`].
-    pub fn check_vehicle(&self, scenario: &Scenario, pace: Pace) -> Result<(), Error> {
+    pub(crate) fn check_vehicle(&self, scenario: &Scenario, pace: Pace) -> Result<(), Error> {
         let Some(addresses) = self.vehicle.as_ref().and_then(VehicleOption::addresses) else { return Ok(()) };
         if !cfg!(feature = "mavlink") {
             return Err(Error::NoBridge);

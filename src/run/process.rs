@@ -73,7 +73,7 @@ impl Process {
     }
 
     /// Starts or restarts the process.
-    pub fn start(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
+    pub(crate) fn start(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         self.join_messages();
         self.due = None;
         let Invocation { program, arguments, environment, folder, prefix, ends_with_launcher } = &self.invocation;
@@ -124,7 +124,7 @@ impl Process {
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if it has ended and is not restarted, or if it cannot be started.
-    pub fn advance(
+    pub(crate) fn advance(
         &mut self,
         slot: u64,
         progress: &TerminalProgress,
