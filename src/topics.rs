@@ -82,20 +82,6 @@ struct RunClock {
     is_under_way: bool,
 }
 
-impl RunClock {
-    /// Time since a sample was sent [s].
-    fn age_s(&self, topic: &TopicState) -> Option<f64> {
-        Some(self.now_ns?.saturating_sub(topic.sent_ns?) as f64 / 1e9)
-    }
-
-    /// Whether the next sample of a topic should have been sent.
-    fn is_overdue(&self, topic: &TopicState) -> Option<bool> {
-        let period_s = self.period_s.filter(|_| topic.samples == SamplesPerSlot::One && self.now_ns.is_some())?;
-        let is_late = |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S;
-        Some(self.age_s(topic).map_or(self.is_under_way, is_late))
-    }
-}
-
 impl TopicsCommand {
     /// Polls the topics twice and prints them.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
@@ -157,8 +143,9 @@ fn list_of(rings: &[PathBuf]) -> String {
 /// Rates a topic by its states at two polls.
 fn rate(state: TopicState, before: &TopicState, clock: &RunClock) -> RatedTopic {
     let period_s = clock.period_s.filter(|_| state.samples == SamplesPerSlot::One);
-    let age_s = clock.age_s(&state);
-    let is_overdue = clock.is_overdue(&state);
+    let age_s = clock.now_ns.zip(state.sent_ns).map(|(now_ns, sent_ns)| now_ns.saturating_sub(sent_ns) as f64 / 1e9);
+    let is_late = |period_s: f64| age_s.map_or(clock.is_under_way, |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S);
+    let is_overdue = period_s.filter(|_| clock.now_ns.is_some()).map(is_late);
     // A slot may be longer than the time between the polls: then it counts from the samples before them.
     let has_new = state.slot > before.slot;
     let counts_earlier = !has_new && period_s.is_some() && is_overdue != Some(true);

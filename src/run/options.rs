@@ -20,8 +20,8 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
-use crate::run::commands::{CommandLine, Replacements, VehicleOption};
-use crate::run::executables;
+use crate::run::commands::{CommandLine, VehicleOption};
+use crate::run::executables::{self, is_command};
 use crate::run::limits;
 use crate::run::link;
 use crate::run::process::Invocation;
@@ -156,9 +156,37 @@ impl RunOptions {
         self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| 2.0 * period.as_secs_f64())
     }
 
-    /// What the user has put in the place of processes of Skysink.
-    pub(crate) fn replacements(&self) -> Replacements<'_> {
-        Replacements { planner: self.planner.as_ref(), vehicle: self.vehicle.as_ref() }
+    /// The roles that programs of the user or vehicles fill, with the options that say so.
+    pub(crate) fn replaced(&self) -> impl Iterator<Item = (Role, &'static str)> {
+        let planner = self.planner.as_ref().map(|_| (Role::Planner, "--planner"));
+        let vehicle = self.vehicle.as_ref().map(|_| (Role::FlightSim, "--vehicle"));
+        planner.into_iter().chain(vehicle)
+    }
+
+    /// The command of the user that fills `role`, if one does.
+    fn command(&self, role: Role) -> Option<&CommandLine> {
+        match (role, &self.vehicle) {
+            (Role::Planner, _) => self.planner.as_ref(),
+            (Role::FlightSim, Some(VehicleOption::Command(command))) => Some(command),
+            _ => None,
+        }
+    }
+
+    /// Refuses a replaced role that is left to the user, too, and a command that is none.
+    pub(crate) fn check_replaced(&self) -> Result<(), Error> {
+        for (role, option) in self.replaced() {
+            let name = role.name();
+            if self.external.contains(&role) {
+                return Err(Error::Usage(format!("--external {name} and {option}: expected one of them")));
+            }
+            if let Some(CommandLine(words)) = self.command(role)
+                && !is_command(&words[0])
+            {
+                let expected = "expected an executable file or a command of the PATH";
+                return Err(Error::Usage(format!("{option} {}: {expected}", words[0])));
+            }
+        }
+        Ok(())
     }
 
     /// The roles whose processes are waited for as long as for one that the user starts: these, and a vehicle, which
@@ -193,7 +221,7 @@ impl RunOptions {
 
     /// The names of the roles with external processes, and those that had one `before`, each once.
     fn external_roles(&self, before: Vec<String>) -> Vec<String> {
-        let replaced = self.replacements().roles().map(|(role, _)| role);
+        let replaced = self.replaced().map(|(role, _)| role);
         let mut roles = before;
         for role in self.external.iter().copied().chain(replaced).map(Role::name) {
             if !roles.iter().any(|other| other == role) {
@@ -238,14 +266,16 @@ impl RunOptions {
             format!(" --link {}", shlex::try_quote(&config).unwrap_or(Cow::Borrowed(&config)))
         });
         let words = roles.iter().map(|role| format!(" --external {}", role.name()));
-        words.chain(link).chain(self.replacements().options()).collect()
+        let planner = self.planner.as_ref().and_then(CommandLine::quoted).map(|value| format!(" --planner {value}"));
+        let vehicle = self.vehicle.as_ref().and_then(VehicleOption::quoted).map(|value| format!(" --vehicle {value}"));
+        words.chain(link).chain(planner).chain(vehicle).collect()
     }
 
     /// The command that starts the process of `role`.
     pub(crate) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
         let absolute = |path: &Path| std::path::absolute(path).at(path);
         let scenario = absolute(&launch.scenario)?;
-        if let Some(command) = self.replacements().command(role) {
+        if let Some(command) = self.command(role) {
             return Ok(command.invocation(ring, &scenario));
         }
         let vehicles = self.vehicle.as_ref().and_then(VehicleOption::addresses).filter(|_| role == Role::FlightSim);
@@ -301,7 +331,7 @@ impl RunOptions {
         if self.no_viewer && self.external.contains(&Role::Viewer) {
             return refuse("--external viewer and --no-viewer: expected one of them");
         }
-        self.replacements().check(&self.external)?;
+        self.check_replaced()?;
         if let Some(port @ 1..) = self.live {
             let probe = std::net::TcpListener::bind(("127.0.0.1", port));
             if let Err(error) = probe {
@@ -321,6 +351,14 @@ impl RunOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn replacement_commands_are_printed_with_shell_quoting() {
+        let planner = "python3 'my file.py'".parse().ok();
+        let vehicle = "udpin:127.0.0.1:14540".parse().ok();
+        let options = RunOptions { planner, vehicle, ..RunOptions::default() }.resume_options();
+        assert_eq!(options, " --planner \"python3 'my file.py'\" --vehicle udpin:127.0.0.1:14540");
+    }
 
     #[test]
     fn half_the_timeout_is_longer_than_a_paced_slot() {
