@@ -92,7 +92,7 @@ pub fn of_degrees(
     });
     let mut enclosed = nodes;
     enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
-    let log = sources.log.map(|log| (log.positions(), log.path())).unwrap_or_default();
+    let log = sources.log.as_ref().map(|log| (log.positions(), log.path())).unwrap_or_default();
     enclosed.extend(log.0.iter().map(|&position| SourcePosition {
         what: "flight log",
         path: &log.1,

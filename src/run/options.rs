@@ -189,13 +189,6 @@ impl RunOptions {
         Ok(())
     }
 
-    /// The roles whose processes are waited for as long as for one that the user starts: these, and a vehicle, which
-    /// has to get ready and to take off.
-    pub(crate) fn patient_roles(&self) -> Vec<Role> {
-        let vehicle = self.vehicle.iter().map(|_| Role::FlightSim);
-        self.external.iter().copied().chain(vehicle).collect()
-    }
-
     /// Whether the planner is external: started by `--planner` or by the user.
     pub(crate) fn has_external_planner(&self) -> bool {
         self.planner.is_some() || self.external.contains(&Role::Planner)

@@ -100,7 +100,9 @@ impl RingMission<'_> {
         let progress = TerminalProgress::of_slots();
         let (ring, wait) = Ring::<ipc::Service>::join(self.ring, scenario, Role::Launcher, self.stop)?;
         let _janitor = Janitor::start(self.ring);
-        let external = ExternalTimeout { roles: options.patient_roles(), timeout: self.external_timeout() };
+        let vehicle = options.vehicle.iter().map(|_| Role::FlightSim); // which has to get ready and to take off
+        let roles = options.external.iter().copied().chain(vehicle).collect();
+        let external = ExternalTimeout { roles, timeout: self.external_timeout() };
         let mut recorder = Recorder::new(&ring, wait, external)?;
         self.announce_external(&progress)?;
         let mut workers = Workers::start(Supervision {

@@ -102,11 +102,6 @@ impl Ground {
         self.sensors.locate_within_distance([at.x, at.y], LEAST_DISTANCE_M * LEAST_DISTANCE_M).map(|sensor| sensor.data)
     }
 
-    /// The altitude in the middle between the lowest and the highest that the ground can be at a place [m].
-    pub fn midway_m(&self, at: &Position) -> f64 {
-        f64::midpoint(self.lowest_m(at), self.highest_m(at))
-    }
-
     /// The highest that the ground can be on the straight line between two places [m].
     pub fn highest_between_m(&self, from: &Position, to: &Position) -> f64 {
         let steps = ((to - from).norm() / STEP_M).ceil().max(1.0);

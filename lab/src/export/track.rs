@@ -113,8 +113,9 @@ impl<'a> GeodeticTrack<'a> {
     /// between its bounds, or above the ground below if the list does not tell it.
     pub fn altitudes_m(&self) -> Vec<f64> {
         let ground = Ground::of(&self.run.list);
+        let midway_m = |ground: &Ground, at: &Position| f64::midpoint(ground.lowest_m(at), ground.highest_m(at));
         let ground_m =
-            |point: &TrackPoint<'_>| ground.as_ref().map_or(0.0, |ground| ground.midway_m(&point.position.xy()));
+            |point: &TrackPoint<'_>| ground.as_ref().map_or(0.0, |ground| midway_m(ground, &point.position.xy()));
         self.points.iter().map(|point| point.position.z + ground_m(point)).collect()
     }
 
