@@ -144,7 +144,8 @@ fn list_of(rings: &[PathBuf]) -> String {
 fn rate(state: TopicState, before: &TopicState, clock: &RunClock) -> RatedTopic {
     let period_s = clock.period_s.filter(|_| state.samples == SamplesPerSlot::One);
     let age_s = clock.now_ns.zip(state.sent_ns).map(|(now_ns, sent_ns)| now_ns.saturating_sub(sent_ns) as f64 / 1e9);
-    let is_late = |period_s: f64| age_s.map_or(clock.is_under_way, |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S);
+    let is_late =
+        |period_s: f64| age_s.map_or(clock.is_under_way, |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S);
     let is_overdue = period_s.filter(|_| clock.now_ns.is_some()).map(is_late);
     // A slot may be longer than the time between the polls: then it counts from the samples before them.
     let has_new = state.slot > before.slot;

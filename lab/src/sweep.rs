@@ -38,29 +38,19 @@ use journal::{MissionRow, SweepJournal};
 use plan::Sweep;
 use shard::Shard;
 
-/// A part of a sweep that a process simulates.
-#[derive(Debug, Clone, Copy)]
-pub struct SweepTask<'a> {
-    /// The output folder.
-    pub out: &'a Path,
-    /// The shard.
-    pub shard: Shard,
-    /// Maximum number of threads; 0 for one per core.
-    pub threads: usize,
-}
-
-/// Simulates the missing missions of a shard, writes the results, and returns the journal. Calling it again resumes an
-/// interrupted sweep.
+/// Simulates the missing missions of a shard on at most `threads` threads, 0 for one per core, writes the results into
+/// the folder `out`, and returns the journal. Calling it again resumes an interrupted sweep.
 ///
 /// # Errors
 /// If the folder contains other files, a mission is refused, a file cannot be written, or on a stop.
 pub fn sweep(
     sweep: &Sweep,
-    task: SweepTask<'_>,
+    out: &Path,
+    shard: Shard,
+    threads: usize,
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<SweepJournal, LabError> {
-    let SweepTask { out, shard, threads } = task;
     let record = SweepRecord::open(sweep, out, shard)?;
     let mut missing: Vec<_> = record.missing().collect();
     move_first_of_each_strategy_to_front(&mut missing);

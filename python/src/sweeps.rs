@@ -12,6 +12,7 @@ use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings as of_contenders};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::progress::LabProgress;
+use skysink_lab::sweep;
 use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
@@ -20,7 +21,6 @@ use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::mission_columns;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
-use skysink_lab::sweep::{self, SweepTask};
 use skysink_mission::files::write_whole;
 use toml::Table;
 
@@ -145,10 +145,9 @@ impl PySweepPlan {
     /// Runs the missing missions on `threads` threads of this process, for built-in strategies only, and tells `progress`
     /// the number of finished and of all missions.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize, progress: Option<Py<PyAny>>) -> PyResult<PyTable> {
-        let task = SweepTask { out: &out, shard: Shard::WHOLE, threads };
         let raised = OnceLock::new();
         let journal = interruptible(py, |stop| {
-            sweep::sweep(&self.0, task, stop, &|LabProgress { done, of, .. }| {
+            sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|LabProgress { done, of, .. }| {
                 let told = progress.as_ref().map(|tell| Python::attach(|py| tell.call1(py, (done, of))));
                 if let Some(Err(error)) = told {
                     let _ = raised.set(error);

@@ -12,7 +12,7 @@ use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
-use skysink_lab::sweep::{SweepTask, sweep};
+use skysink_lab::sweep::sweep;
 use skysink_planner::settings;
 use toml::Table;
 
@@ -43,8 +43,7 @@ pub fn sweep_of(path: &Path, overrides: Overrides, strategies: Vec<String>, seed
 
 /// Runs or resumes the sweep `plan` over one scenario in the folder `out`.
 pub fn fly_contenders(plan: &Sweep, out: &Path, stop: &Stop) -> Result<Vec<ShownContender>, Error> {
-    let task = SweepTask { out, shard: Shard::WHOLE, threads: 0 };
-    let journal = sweep(plan, task, stop, &TerminalProgress::of_missions());
+    let journal = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions());
     let journal = journal.map_err(|error| ended_early(error, &flown_in(out)))?;
     let contenders = Contender::of_sweep(&plan.definition, &journal.rows);
     let shown = |(strategy, contender): (usize, Contender)| {

@@ -176,7 +176,8 @@ fn summary_csv(
 #[must_use]
 pub fn few(SweepJournal { definition, rows, .. }: &SweepJournal) -> Vec<(String, Concentration)> {
     let strategies = 0..definition.strategies.len();
-    let means = (0..definition.points.len()).flat_map(|point| strategies.clone().map(move |strategy| (point, strategy)));
+    let means =
+        (0..definition.points.len()).flat_map(|point| strategies.clone().map(move |strategy| (point, strategy)));
     few_of(definition, rows, means)
 }
 
