@@ -129,7 +129,7 @@ pub fn print(line: impl fmt::Display) -> Result<(), Error> {
 pub(crate) struct OutputForm {
     /// Print JSON instead of the table.
     #[arg(long, global = true)]
-    json: bool,
+    pub json: bool,
 }
 
 impl OutputForm {
@@ -139,12 +139,6 @@ impl OutputForm {
             return print(serde_json::to_string_pretty(figures).expect("plain numbers and strings"));
         }
         as_table()
-    }
-
-    /// Prints a line, but not with `--json`.
-    #[cfg(feature = "lab")]
-    pub(crate) fn print_words(self, line: impl fmt::Display) -> Result<(), Error> {
-        if self.json { Ok(()) } else { print(line) }
     }
 }
 

@@ -141,9 +141,11 @@ impl LibraryCommand {
                 let overrides = Overrides { strategy: Some(strategy), keys, ..Overrides::default() };
                 let runs = fly(&open, &overrides, &folder, stop)?;
                 print_placement(&library.verify(&runs, None, stop)?, form)?;
-                if let [run, ..] = &runs[..] {
+                if let [run, ..] = &runs[..]
+                    && !form.json
+                {
                     let more = if runs.len() > 1 { format!(" and {} more", runs.len() - 1) } else { String::new() };
-                    return form.print_words(format_args!("Run folder:      {}{more}", run.display()));
+                    return print(format_args!("Run folder:      {}{more}", run.display()));
                 }
                 Ok(())
             }
