@@ -2,19 +2,18 @@
 //!
 //! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
-pub mod arrivals;
-pub mod doubts;
-pub mod energy;
-pub mod figures;
-pub mod fit;
-pub mod flights;
-pub mod links;
-pub mod motion;
-pub mod quantity;
-pub mod radio;
-pub mod shortfalls;
-pub mod verdict;
-pub mod warnings;
+mod arrivals;
+mod doubts;
+mod energy;
+mod figures;
+mod flights;
+mod links;
+mod motion;
+mod quantity;
+mod radio;
+pub(crate) mod shortfalls;
+mod verdict;
+mod warnings;
 
 use clap::Args;
 use serde::Serialize;
@@ -63,16 +62,12 @@ pub struct CheckCommand {
 impl CheckCommand {
     /// Prints all keys of the scenario, with the figures as comments, or only the figures as JSON. Prints warnings on
     /// standard error.
-    ///
-    /// # Errors
-    /// If the scenario or its sensor list is refused, or the output cannot be written.
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let scenario = self.scenario.read(self.changes.overrides())?;
         let list = SensorList::of(&scenario)?;
         let figures = Figures::of(&scenario, &list)?;
         let mut warnings = doubts::of(&scenario, &list);
-        warnings.extend(warnings::of(&figures));
-        warnings.extend(fit::of(&scenario, &figures));
+        warnings.extend(warnings::of(&scenario, &figures));
         let all: Vec<&str> = STRATEGIES.iter().map(|strategy| strategy.name).collect();
         let planned = shortfalls::of(&scenario, &list, &all);
         if self.json {

@@ -29,7 +29,7 @@ use crate::check::shortfalls;
 use crate::error::Error;
 use crate::options::Changes;
 use crate::report::{print, warn_of_few};
-use contenders::{ComparedStrategies, ShownContender, differing_keys, fly_contenders, read_runs};
+use contenders::{ShownContender, differing_keys, fly_contenders, read_runs, sweep_of};
 use folder::compared_runs;
 
 /// Default number of missions per strategy.
@@ -73,9 +73,6 @@ pub struct CompareCommand {
 
 impl CompareCommand {
     /// Simulates missing missions, prints the standings, and writes a recording.
-    ///
-    /// # Errors
-    /// If an input is refused, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         match &self.what[..] {
             [folder] if folder.is_dir() => self.repeat(folder, stop),
@@ -126,23 +123,17 @@ impl CompareCommand {
 
     /// Compares strategies over the fields of a scenario.
     fn compare_strategies(&self, stop: &Stop) -> Result<(), Error> {
+        let scenario = &self.what[0];
         let strategies = self.what[1..].iter().map(|name| find_strategy(name)).collect::<Result<Vec<_>, _>>()?;
         if strategies.len() < 2 {
             let expected = "expected a scenario file with two strategies or more behind it, or folders of runs";
-            let message = format!("{}: {expected}", self.what[0].display());
-            return Err(Error::Usage(message));
+            return Err(Error::Usage(format!("{}: {expected}", scenario.display())));
         }
-        let compared = ComparedStrategies {
-            scenario: self.what[0].clone(),
-            overrides: self.changes.overrides(),
-            strategies,
-            seeds: self.seeds.unwrap_or(SEEDS),
-        };
-        let sweep = compared.sweep()?;
+        let sweep = sweep_of(scenario, self.changes.overrides(), strategies, self.seeds.unwrap_or(SEEDS))?;
         if let Some(out) = self.out.as_ref().filter(|_| self.force) {
             remove_comparison(out)?;
         }
-        let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, &compared.scenario));
+        let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, scenario));
         self.write(&fly_contenders(&sweep, &out, stop)?, &[], &out, stop)
     }
 
@@ -193,10 +184,10 @@ impl CompareCommand {
     }
 }
 
-/// Finds the strategy of this name.
-fn find_strategy(name: &Path) -> Result<&'static Registered, Error> {
+/// The name of a strategy, which is one of the registry.
+fn find_strategy(name: &Path) -> Result<String, Error> {
     let name = name.to_string_lossy();
-    Registered::find(&name).ok_or_else(|| {
+    Registered::find(&name).map(|strategy| strategy.name.to_owned()).ok_or_else(|| {
         Error::Usage(format!("strategy {name}: expected one of {} (or the folders of runs alone)", names().join(", ")))
     })
 }

@@ -18,7 +18,7 @@ use skysink_ring::topics::{Ring, is_release};
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
-use crate::run::commands::{CommandLine, Replacements, VehicleOption};
+use crate::run::commands::{CommandLine, VehicleOption};
 use crate::run::limits;
 use crate::run::link;
 use crate::run::options::{Launch, RunOptions, seconds};
@@ -71,12 +71,10 @@ pub struct JoinCommand {
 
 impl JoinCommand {
     /// Runs the processes until the launcher releases the ring.
-    ///
-    /// # Errors
-    /// If the ring uses another scenario or protocol version, a process ends and is not restarted, the launcher's
-    /// heartbeat times out, or on a stop.
-    pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        self.check()?;
+    pub fn run(mut self, stop: &Stop) -> Result<(), Error> {
+        let planner = self.planner.take();
+        let options = RunOptions { planner, vehicle: self.vehicle.take(), ..RunOptions::default() };
+        self.check(&options)?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
         limits::check(&SensorList::of(&scenario)?, false)?;
         let folder = RingFolder::join(&self.ring)?;
@@ -92,29 +90,33 @@ impl JoinCommand {
             ));
         }
         folder.set_global_config()?;
-        self.run_processes(&scenario, &folder, stop)
+        self.run_processes(&options, &scenario, &folder, stop)
     }
 
-    fn check(&self) -> Result<(), Error> {
+    fn check(&self, options: &RunOptions) -> Result<(), Error> {
         let twice = (1..self.roles.len()).find(|&index| self.roles[..index].contains(&self.roles[index]));
         if let Some(index) = twice {
             return Err(Error::Usage(format!("{}: expected each role once", self.roles[index].name())));
         }
-        let replacements = Replacements { planner: self.planner.as_ref(), vehicle: self.vehicle.as_ref() };
-        if let Some((role, option)) = replacements.roles().find(|(role, _)| !self.roles.contains(role)) {
+        if let Some((role, option)) = options.replaced().find(|(role, _)| !self.roles.contains(role)) {
             return Err(Error::Usage(format!("{option}: expected with the role {}", role.name())));
         }
-        replacements.check(&[])?;
+        options.check_replaced()?;
         link::check(&self.link)
     }
 
-    fn run_processes(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {
+    fn run_processes(
+        self,
+        options: &RunOptions,
+        scenario: &Scenario,
+        folder: &RingFolder,
+        stop: &Stop,
+    ) -> Result<(), Error> {
         let timeout = Duration::from_secs_f64(self.timeout);
         let progress = TerminalProgress::of_slots();
         let (ring, mut wait) = Ring::<ipc::Service>::join(folder, scenario, Role::Launcher, stop)?;
         let _janitor = Janitor::start(folder);
         let mut commits = ring.commit.reader()?;
-        let options = RunOptions { planner: self.planner, vehicle: self.vehicle, ..RunOptions::default() };
         options.check_vehicle(scenario, folder.terms().pace)?;
         let launch = Launch { scenario: self.scenario, recording: PathBuf::new(), label: None, recorded: None };
         let process = |&role: &Role| {

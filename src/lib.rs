@@ -2,24 +2,24 @@
 //!
 //! The model, the planner and the evaluation are in the other crates of the workspace.
 
-pub mod check;
+mod check;
 pub mod cli;
 #[cfg(feature = "lab")]
-pub mod compare;
-pub mod error;
-pub mod join;
-pub mod new;
-pub mod options;
+mod compare;
+mod error;
+mod join;
+mod new;
+mod options;
 pub mod programs;
-pub mod replay;
+mod replay;
 pub mod report;
 pub mod run;
-pub mod simulate;
+mod simulate;
 #[cfg(feature = "viewer")]
 mod slot_views;
-pub mod topics;
+mod topics;
 pub mod usage;
-pub mod view;
+mod view;
 pub mod worker;
 
 pub use error::Error;

@@ -20,6 +20,8 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::keys::{self, Accepts, Key, Keys, dotted};
+#[cfg(feature = "lab")]
+use skysink_common::option_value;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -32,8 +34,11 @@ use toml::{Table, Value};
 
 use crate::error::Error;
 use crate::report::print;
+#[cfg(not(feature = "lab"))]
 use additions::Additions;
 use field::{LIST, NewField};
+#[cfg(feature = "lab")]
+use import::Sources;
 use presets::{Hardware, Lines, commented};
 
 /// The beginning of the scenario file.
@@ -112,8 +117,8 @@ pub struct NewCommand {
     terrain: Option<PathBuf>,
     /// Least height of the flight above the ground [m].
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", value_parser = clearance,
-          allow_hyphen_values = true)]
+    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", allow_hyphen_values = true,
+          value_parser = option_value::number("0 to 10000 m", |clearance_m| (0.0..=1e4).contains(&clearance_m)))]
     clearance: f64,
     #[command(flatten)]
     hardware: Hardware,
@@ -127,25 +132,21 @@ pub struct NewCommand {
 
 impl NewCommand {
     /// Writes the scenario and its sensor list, both or none.
-    ///
-    /// # Errors
-    /// If the name or the positions are refused, the folder is a file, a file exists, or a file cannot be
-    /// written.
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
         let scenario = |text: &str, overrides| Scenario::parse(text, &path, overrides).and_then(settings::resolve);
         // Checks the name before the import.
         let plain = scenario(&text(&self.name, None, &self.hardware.lines()), Overrides::default())?;
-        let sources = self.sources()?;
-        let mut field = self.field(&sources, plain.link.comm_radius_m)?;
+        let sources = self.sources(plain.link.comm_radius_m)?;
+        let mut field = sources.field()?;
         let sensors_of = |field: Option<&NewField>, scenario: &Scenario| {
             field.map_or_else(|| SensorList::of(scenario), |field| field.sensors(scenario))
         };
         let draft = scenario(&text(&self.name, field.as_ref(), &self.hardware.lines()), Overrides::default())?;
         let list = sensors_of(field.as_ref(), &draft)?;
         let mut lines = self.hardware.lines_with_slots(&draft, &list);
-        let additions = self.additions(&sources, field.as_mut(), &draft, &list, &mut lines)?;
+        let additions = sources.additions(field.as_mut(), &draft, &list, &mut lines)?;
         let field = field.as_ref();
         let text = text(&self.name, field, &lines);
         let checked = scenario(&text, additions.overrides)?;
@@ -169,88 +170,44 @@ impl NewCommand {
         print(format_args!("Next:  skysink check {}", shlex::try_quote(&path.to_string_lossy()).unwrap_or_default()))
     }
 
-    /// Reads the log and the terrain.
+    /// What the scenario is made from: reads the log and the terrain.
     #[cfg(feature = "lab")]
-    fn sources(&self) -> Result<Surveys<'_>, Error> {
-        let log = self.log.as_deref().map(log::LoggedFlight::read).transpose()?;
-        let terrain = self.terrain.as_deref().map(|path| terrain::Terrain::read(path, self.clearance)).transpose()?;
-        Ok(Surveys { log, terrain })
-    }
-
-    #[cfg(feature = "lab")]
-    fn field(&self, surveys: &Surveys<'_>, comm_radius_m: f64) -> Result<Option<NewField>, Error> {
-        Ok(import::field(&import::Sources {
+    fn sources(&self, comm_radius_m: f64) -> Result<Sources<'_>, InputError> {
+        Ok(Sources {
             sensors: self.sensors.as_deref(),
             zones: self.zones.as_deref(),
             start: self.start,
             comm_radius_m,
-            log: surveys.log.as_ref(),
-            terrain: surveys.terrain.as_ref(),
-        })?)
+            log: self.log.as_deref().map(log::LoggedFlight::read).transpose()?,
+            terrain: self.terrain.as_deref().map(|path| terrain::Terrain::read(path, self.clearance)).transpose()?,
+        })
     }
 
-    /// What the log or the terrain adds to the `draft`.
-    #[cfg(feature = "lab")]
-    fn additions(
-        &self,
-        surveys: &Surveys<'_>,
-        field: Option<&mut NewField>,
-        draft: &Scenario,
-        list: &SensorList,
-        lines: &mut Lines,
-    ) -> Result<Additions, Error> {
-        let Some(field) = field else { return Ok(Additions::default()) };
-        let additions = match surveys {
-            Surveys { log: Some(log), .. } => {
-                log::TRACK_LINE.clone_into(&mut field.uav);
-                log.additions(draft, list, field.shift, lines)?
-            }
-            Surveys { terrain: Some(terrain), .. } => terrain.additions(draft, list, field.shift, lines)?,
-            _ => return Ok(Additions::default()),
-        };
-        field.zones += &additions.zones;
-        Ok(additions)
+    #[cfg(not(feature = "lab"))]
+    fn sources(&self, _: f64) -> Result<Sources, InputError> {
+        Ok(Sources)
     }
 }
 
-/// What a new scenario is measured from.
-#[cfg(feature = "lab")]
-struct Surveys<'a> {
-    log: Option<log::LoggedFlight>,
-    terrain: Option<terrain::Terrain<'a>>,
-}
-
-/// What a new scenario is measured from: nothing.
+/// What a new scenario is made from: nothing.
 #[cfg(not(feature = "lab"))]
-struct Surveys;
+struct Sources;
 
 #[cfg(not(feature = "lab"))]
-impl NewCommand {
-    fn sources(&self) -> Result<Surveys, Error> {
-        Ok(Surveys)
-    }
-
-    fn field(&self, _: &Surveys, _: f64) -> Result<Option<NewField>, Error> {
+impl Sources {
+    fn field(&self) -> Result<Option<NewField>, InputError> {
         Ok(None)
     }
 
     fn additions(
         &self,
-        _: &Surveys,
         _: Option<&mut NewField>,
         _: &Scenario,
         _: &SensorList,
         _: &mut Lines,
-    ) -> Result<Additions, Error> {
+    ) -> Result<Additions, InputError> {
         Ok(Additions::default())
     }
-}
-
-/// Parses a least height above the ground.
-#[cfg(feature = "lab")]
-fn clearance(text: &str) -> Result<f64, String> {
-    let clearance_m = text.parse().ok().filter(|clearance_m: &f64| (0.0..=1e4).contains(clearance_m));
-    clearance_m.ok_or_else(|| "expected 0 to 10000 m".to_owned())
 }
 
 /// Parses the two numbers of a place.

@@ -23,9 +23,6 @@ pub struct ScenarioFile {
 
 impl ScenarioFile {
     /// Reads it, with the keys of the planner completed.
-    ///
-    /// # Errors
-    /// If the scenario is refused.
     pub fn read(&self, overrides: Overrides) -> Result<Scenario, InputError> {
         let scenario = self.path.as_deref().map(|path| Scenario::read(path, overrides.clone()));
         scenario.unwrap_or_else(|| Scenario::letter(overrides)).and_then(settings::resolve)
@@ -53,7 +50,6 @@ pub struct MissionOptions {
 
 impl MissionOptions {
     /// The keys of the scenario that are overridden.
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
         Overrides { strategy: self.strategy, ..self.changes.overrides() }
     }
@@ -63,7 +59,7 @@ impl MissionOptions {
 #[derive(Debug, Clone, Args)]
 pub struct Changes {
     /// Random seed [default: the scenario's].
-    #[arg(long, value_parser = seed())]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     seed: Option<u64>,
     /// Override a scenario key, for example link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -72,7 +68,6 @@ pub struct Changes {
 
 impl Changes {
     /// The keys of the scenario that are overridden.
-    #[must_use]
     pub fn overrides(&self) -> Overrides {
         Overrides { seed: self.seed, keys: self.keys.clone(), ..Overrides::default() }
     }
@@ -91,13 +86,12 @@ pub struct NewFolder {
 
 impl NewFolder {
     /// What happens to an earlier run in the folder.
-    #[must_use]
     pub fn earlier(&self) -> Earlier {
         Earlier::by_force(self.force)
     }
 
     /// The folder of the run of a seed, one of several: within `--out`.
-    #[must_use]
+    #[cfg(feature = "lab")]
     pub fn of_seed(&self, seed: u64) -> Self {
         Self { out: self.out.as_ref().map(|out| out.join(seed.to_string())), ..self.clone() }
     }
@@ -116,7 +110,6 @@ pub struct RecordingOptions {
 
 impl RecordingOptions {
     /// K of the recording, which contains every K-th slot; `None` for no recording.
-    #[must_use]
     pub fn every(&self) -> Option<NonZeroU64> {
         self.record_every.or(self.record.then_some(NonZeroU64::MIN))
     }
@@ -126,8 +119,4 @@ impl RecordingOptions {
 pub fn strategy() -> impl TypedValueParser<Value = &'static str> {
     PossibleValuesParser::new(STRATEGIES.iter().map(|strategy| PossibleValue::new(strategy.name).help(strategy.about)))
         .map(|name| Registered::find(&name).expect("one of the possible values").name)
-}
-
-fn seed() -> impl TypedValueParser<Value = u64> {
-    clap::value_parser!(u64).range(..=i64::MAX as u64)
 }

@@ -4,7 +4,7 @@
 //! process therefore receives the same messages as in the run, and the planner decides from each recorded state.
 
 mod outcome;
-pub mod process;
+pub(crate) mod process;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -112,10 +112,6 @@ struct ReplayOutcome<'a> {
 
 impl ReplayCommand {
     /// Replays the run and prints the outcome.
-    ///
-    /// # Errors
-    /// If the run is unfinished or was changed, options contradict each other, a process ends and is not restarted or
-    /// does not answer, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
         let replay = ReplayedRun::read(&self, stop)?;

@@ -30,11 +30,10 @@ use crate::error::{Error, RERUN};
 
 /// A progress bar on standard error, hidden unless that is a terminal. Dropping the last clone removes it.
 #[derive(Debug, Clone)]
-pub struct TerminalProgress(ProgressBar);
+pub(crate) struct TerminalProgress(ProgressBar);
 
 impl TerminalProgress {
     /// The bar of a run.
-    #[must_use]
     pub fn of_slots() -> Self {
         let speed = |state: &ProgressState, text: &mut dyn fmt::Write| {
             let _ = write!(text, "{:.0}", state.per_sec());
@@ -127,30 +126,19 @@ pub fn print(line: impl fmt::Display) -> Result<(), Error> {
 
 /// How results are printed.
 #[derive(Debug, Clone, Copy, Args)]
-pub struct OutputForm {
+pub(crate) struct OutputForm {
     /// Print JSON instead of the table.
     #[arg(long, global = true)]
-    json: bool,
+    pub json: bool,
 }
 
 impl OutputForm {
     /// Prints `figures` as JSON with `--json`, else calls `as_table`.
-    ///
-    /// # Errors
-    /// As [`print`].
     pub fn print(self, figures: &impl Serialize, as_table: impl FnOnce() -> Result<(), Error>) -> Result<(), Error> {
         if self.json {
             return print(serde_json::to_string_pretty(figures).expect("plain numbers and strings"));
         }
         as_table()
-    }
-
-    /// Prints a line, but not with `--json`.
-    ///
-    /// # Errors
-    /// As [`print`].
-    pub fn print_words(self, line: impl fmt::Display) -> Result<(), Error> {
-        if self.json { Ok(()) } else { print(line) }
     }
 }
 
@@ -178,7 +166,7 @@ fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
 }
 
 /// A number with six decimals, or fewer if it is large.
-pub fn figure(number: f64) -> String {
+pub(crate) fn figure(number: f64) -> String {
     match number.abs() {
         ..10.0 => format!("{number:.6}"),
         10.0..1e4 => format!("{number:.2}"),
@@ -188,10 +176,7 @@ pub fn figure(number: f64) -> String {
 }
 
 /// Prints the results of a run, its folder, and how to open the recording.
-///
-/// # Errors
-/// As [`print`].
-pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
+pub(crate) fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let timing = &summary.timing;
     let pace = timing.pace.map_or_else(|| "in one process".to_owned(), |pace| format!("pace {pace}"));
     let title = format!("{} · {} · seed {}", summary.name, summary.strategy, summary.seed);
@@ -281,7 +266,7 @@ const NAMED: usize = 4;
 
 /// Warns of means of η, each with its name, that few fields determine.
 #[cfg(feature = "lab")]
-pub fn warn_of_few(few: impl Iterator<Item = (String, Concentration)>) {
+pub(crate) fn warn_of_few(few: impl Iterator<Item = (String, Concentration)>) {
     let (small, few): (Vec<_>, Vec<_>) = few.partition(|(_, concentration)| concentration.is_small());
     if let Some(n) = small.iter().map(|(_, concentration)| concentration.n).min() {
         Role::Launcher.log(format_args!(

@@ -46,51 +46,35 @@ pub struct SimulateCommand {
 
 impl SimulateCommand {
     /// Simulates the mission and prints its results.
-    ///
-    /// # Errors
-    /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario = self.scenario.read(self.options.overrides())?;
         let list = SensorList::of(&scenario)?;
         let mission = Mission::until(&scenario, &list, stop)?;
-        let simulation = Simulation { scenario, folder: self.options.folder, record: self.recording.every() };
-        let (folder, summary) = simulate(&simulation, &list, mission, stop)?;
+        let record = self.recording.every();
+        let (folder, summary) = simulate(&scenario, &list, mission, &self.options.folder, record, stop)?;
         self.form.print(&summary, || print_run(&folder, &summary))
     }
 }
 
-/// A simulation and where its run is written.
-#[derive(Debug)]
-pub struct Simulation {
-    /// The scenario.
-    pub scenario: Scenario,
-    /// The folder of the run.
-    pub folder: NewFolder,
-    /// K of the recording for rerun, which contains every K-th slot; `None` for no recording.
-    pub record: Option<NonZeroU64>,
-}
-
-/// Simulates a mission over the sensor nodes `list` and returns its folder and summary. After a stop, the folder is
-/// complete up to the last slot.
-///
-/// # Errors
-/// If something cannot be written, another process changes the folder, or on a stop.
+/// Simulates the mission of a scenario over the sensor nodes `list`, writes its run into the folder `new`, and returns
+/// it with the summary. After a stop, the folder is complete up to the last slot. A recording for rerun contains every
+/// K-th slot, by `record`.
 pub fn simulate(
-    simulation: &Simulation,
+    scenario: &Scenario,
     list: &SensorList,
     mut mission: Mission,
+    new: &NewFolder,
+    record: Option<NonZeroU64>,
     stop: &Stop,
 ) -> Result<(RunFolder, Summary), Error> {
-    let scenario = &simulation.scenario;
     let run_mode = RunMode::default();
-    let NewFolder { out, .. } = &simulation.folder;
-    let folder = RunFolder::create(out.as_deref(), simulation.folder.earlier(), scenario, list, &run_mode)?;
+    let folder = RunFolder::create(new.out.as_deref(), new.earlier(), scenario, list, &run_mode)?;
     #[cfg(not(feature = "viewer"))]
-    if simulation.record.is_some() {
+    if record.is_some() {
         return Err(Error::NoViewer);
     }
     #[cfg(feature = "viewer")]
-    let mut recording = simulation.record.map(|every| recording(scenario, &folder, list, every)).transpose()?;
+    let mut recording = record.map(|every| recording(scenario, &folder, list, every)).transpose()?;
     #[cfg(feature = "viewer")]
     let mut views = recording.as_mut().map(|scene| SlotViews(|view: &SlotView| scene.log_slot(view)));
     let mut log = folder.slot_log()?;

@@ -17,7 +17,7 @@ use skysink_ring::topic::SamplesPerSlot;
 use skysink_ring::topics::{Ring, monotonic_ns};
 
 use crate::error::Error;
-use crate::report::{print, table, with_numbers_from};
+use crate::report::{OutputForm, print, table, with_numbers_from};
 use crate::run::options::seconds;
 
 /// Index of the first numeric column of the table.
@@ -50,9 +50,8 @@ pub struct TopicsCommand {
     /// Time over which the rates are measured [s]; in a paced run at least one slot, by samples sent before.
     #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = seconds())]
     every: f64,
-    /// Print JSON instead of the table.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    form: OutputForm,
 }
 
 /// A topic with its rate and its age.
@@ -83,25 +82,8 @@ struct RunClock {
     is_under_way: bool,
 }
 
-impl RunClock {
-    /// Time since a sample was sent [s].
-    fn age_s(&self, topic: &TopicState) -> Option<f64> {
-        Some(self.now_ns?.saturating_sub(topic.sent_ns?) as f64 / 1e9)
-    }
-
-    /// Whether the next sample of a topic should have been sent.
-    fn is_overdue(&self, topic: &TopicState) -> Option<bool> {
-        let period_s = self.period_s.filter(|_| topic.samples == SamplesPerSlot::One && self.now_ns.is_some())?;
-        let is_late = |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S;
-        Some(self.age_s(topic).map_or(self.is_under_way, is_late))
-    }
-}
-
 impl TopicsCommand {
     /// Polls the topics twice and prints them.
-    ///
-    /// # Errors
-    /// If the ring does not exist or cannot be read, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let ring = self.open_ring()?;
         let begin = Instant::now();
@@ -116,17 +98,16 @@ impl TopicsCommand {
         let slot = second.iter().filter_map(|topic| topic.slot).max();
         let clock = RunClock { period_s, now_ns, is_under_way: slot >= Some(UNDER_WAY) };
         let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before, &clock)).collect();
-        if self.json {
-            return print(serde_json::to_string_pretty(&rated).expect("plain numbers and strings"));
-        }
-        print_table(&rated)?;
-        match period_s {
-            Some(period_s) => print(pace_line(&rated, period_s)),
-            None if ring.terms.pace != Pace::Max => {
-                print("No tick has arrived: slot 1 has not begun, or field-sim does not answer")
+        self.form.print(&rated, || {
+            print_table(&rated)?;
+            match period_s {
+                Some(period_s) => print(pace_line(&rated, period_s)),
+                None if ring.terms.pace != Pace::Max => {
+                    print("No tick has arrived: slot 1 has not begun, or field-sim does not answer")
+                }
+                None => Ok(()),
             }
-            None => Ok(()),
-        }
+        })
     }
 
     /// Opens the ring given by the argument, or the only running one.
@@ -162,8 +143,10 @@ fn list_of(rings: &[PathBuf]) -> String {
 /// Rates a topic by its states at two polls.
 fn rate(state: TopicState, before: &TopicState, clock: &RunClock) -> RatedTopic {
     let period_s = clock.period_s.filter(|_| state.samples == SamplesPerSlot::One);
-    let age_s = clock.age_s(&state);
-    let is_overdue = clock.is_overdue(&state);
+    let age_s = clock.now_ns.zip(state.sent_ns).map(|(now_ns, sent_ns)| now_ns.saturating_sub(sent_ns) as f64 / 1e9);
+    let is_late =
+        |period_s: f64| age_s.map_or(clock.is_under_way, |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S);
+    let is_overdue = period_s.filter(|_| clock.now_ns.is_some()).map(is_late);
     // A slot may be longer than the time between the polls: then it counts from the samples before them.
     let has_new = state.slot > before.slot;
     let counts_earlier = !has_new && period_s.is_some() && is_overdue != Some(true);

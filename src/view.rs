@@ -66,9 +66,6 @@ pub struct PageCommand {
 
 impl ViewCommand {
     /// Serves the recordings until a stop.
-    ///
-    /// # Errors
-    /// If a recording does not exist, or the address is in use; always on the stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         if let Some(port) = self.live {
             self.check_live(port)?;
@@ -98,9 +95,6 @@ impl ViewCommand {
 
 impl PageCommand {
     /// Writes the page.
-    ///
-    /// # Errors
-    /// If the recording does not exist, the folder is in use or cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, folder } = self;
         let runs = [run];

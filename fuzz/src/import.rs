@@ -16,7 +16,7 @@ pub fn files(bytes: &[u8]) {
     let path = file(&format!("import.{extension}"), text);
     let survey = match *extension {
         "log" => Some(FlightLog::read(&path).map(|log| assert!(log.rows.len() > 1))),
-        "asc" => Some(HeightGrid::read(&path).map(|grid| assert!(grid.cell_m() > 0.0))),
+        "asc" => Some(HeightGrid::read(&path).map(|grid| assert!(grid.cell_m > 0.0))),
         "npz" => Some(LinkMap::read(&path, None).map(|map| assert!(map.has_rates()))),
         _ => None,
     };

@@ -5,13 +5,13 @@
 
 mod axis;
 pub mod chart;
-pub(crate) mod curves;
-pub(crate) mod levels;
-pub(crate) mod map;
-pub(crate) mod page;
+pub mod curves;
+pub mod levels;
+pub mod map;
+pub mod page;
 #[cfg(feature = "pictures")]
 mod pictures;
-pub(crate) mod style;
-pub(crate) mod table;
+pub mod style;
+pub mod table;
 #[cfg(test)]
 mod tests;

@@ -8,16 +8,8 @@ pub enum LabError {
     /// A sweep or a mission is refused, a file cannot be read or written, or a signal has requested the end.
     #[error(transparent)]
     Mission(MissionError),
-    /// A figure cannot be drawn.
-    #[error("figure {0}")]
-    Drawing(DrawingError),
-}
-
-/// The error of a figure.
-#[derive(Debug, thiserror::Error)]
-pub enum DrawingError {
-    /// A mean is not on the axis.
-    #[error("{title:?}: mean {mean} at {x}: expected a finite number, not below 0 on a logarithmic scale")]
+    /// A mean is not on the axis of a figure.
+    #[error("figure {title:?}: mean {mean} at {x}: expected a finite number, not below 0 on a logarithmic scale")]
     Mean {
         /// Title of the figure.
         title: String,
@@ -26,14 +18,14 @@ pub enum DrawingError {
         /// The mean.
         mean: f64,
     },
-    /// Nothing is on a logarithmic axis.
-    #[error("{title:?}: all means are 0: expected one above it on a logarithmic scale")]
+    /// Nothing is on the logarithmic axis of a figure.
+    #[error("figure {title:?}: all means are 0: expected one above it on a logarithmic scale")]
     AllZero {
         /// Title of the figure.
         title: String,
     },
-    /// A text has a character without a glyph.
-    #[error("text {text:?}: {missing}")]
+    /// A text of a figure has a character without a glyph.
+    #[error("figure text {text:?}: {missing}")]
     Text {
         /// The text.
         text: String,
@@ -53,7 +45,7 @@ impl LabError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),
-            Self::Drawing(_) => 1,
+            Self::Mean { .. } | Self::AllZero { .. } | Self::Text { .. } => 1,
         }
     }
 }

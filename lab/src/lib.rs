@@ -3,7 +3,7 @@
 
 pub mod bounds;
 pub mod compare;
-pub mod drawing;
+mod drawing;
 mod error;
 pub mod export;
 pub mod import;

@@ -1,10 +1,8 @@
-//! Writes Parquet files, for sweeps and exports.
+//! Writes Parquet files, for sweeps and exports. Equal rows give equal bytes.
 
 use std::io::{self, Write};
-use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch};
-use arrow_schema::{Field, Schema};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
@@ -12,63 +10,32 @@ use parquet::file::properties::WriterProperties;
 /// Maximum number of rows of a row group, which is held in memory while a file is written.
 pub(crate) const ROWS_PER_GROUP: usize = 65_536;
 
-/// A Parquet file that is written in parts. Equal parts give equal bytes.
-pub struct ParquetFile<W: Write + Send> {
-    schema: Arc<Schema>,
-    writer: ArrowWriter<W>,
+/// Rows with columns of these names, which are of one length.
+pub fn batch(columns: Vec<(&str, ArrayRef)>) -> RecordBatch {
+    let columns = columns.into_iter().map(|(name, column)| (name, column, true));
+    RecordBatch::try_from_iter_with_nullable(columns).expect("columns of one length")
 }
 
-impl<W: Write + Send> ParquetFile<W> {
-    /// Starts a file with columns of these names and types.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn begin(writer: W, columns: &[(&str, ArrayRef)]) -> io::Result<Self> {
-        let field = |(name, column): &(&str, ArrayRef)| Field::new(*name, column.data_type().clone(), true);
-        let schema = Arc::new(Schema::new(columns.iter().map(field).collect::<Vec<_>>()));
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::SNAPPY)
-            .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
-            .build();
-        let writer = ArrowWriter::try_new(writer, Arc::clone(&schema), Some(properties)).map_err(io::Error::other)?;
-        Ok(Self { schema, writer })
-    }
-
-    /// Adds rows to the columns given to [`ParquetFile::begin`].
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    ///
-    /// # Panics
-    /// If the columns have other types, or their lengths differ.
-    pub fn add(&mut self, columns: Vec<(&str, ArrayRef)>) -> io::Result<()> {
-        let schema = Arc::clone(&self.schema);
-        let columns = columns.into_iter().map(|(_, column)| column).collect();
-        let batch = RecordBatch::try_new(schema, columns).expect("columns of one length and the schema's types");
-        self.writer.write(&batch).map_err(io::Error::other)
-    }
-
-    /// Completes the file and returns the writer.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn finish(self) -> io::Result<W> {
-        self.writer.into_inner().map_err(io::Error::other)
-    }
+/// Starts a file for rows with the columns of `like`.
+pub fn begin<W: Write + Send>(writer: W, like: &RecordBatch) -> io::Result<ArrowWriter<W>> {
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
+        .build();
+    ArrowWriter::try_new(writer, like.schema(), Some(properties)).map_err(io::Error::other)
 }
 
-/// The bytes of a Parquet file with these columns.
-///
-/// # Panics
-/// If the lengths differ.
+/// The bytes of a file with these columns.
 pub fn parquet(columns: Vec<(&str, ArrayRef)>) -> Vec<u8> {
-    let mut file = ParquetFile::begin(Vec::new(), &columns).expect("plain types");
-    file.add(columns).expect("memory takes everything");
-    file.finish().expect("memory takes everything")
+    let batch = batch(columns);
+    let mut file = begin(Vec::new(), &batch).expect("plain types");
+    file.write(&batch).and_then(|()| file.into_inner()).expect("memory takes everything")
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use arrow_array::{Array, Float64Array};
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
@@ -79,12 +46,12 @@ mod tests {
 
     #[test]
     fn a_large_file_has_row_groups_and_reads_back() {
-        let mut file = ParquetFile::begin(tempfile::tempfile().unwrap(), &column([].into_iter())).unwrap();
+        let mut file = begin(tempfile::tempfile().unwrap(), &batch(column([].into_iter()))).unwrap();
         for part in 0..3 {
             let rows = (0..ROWS_PER_GROUP - part).map(|row| (row % 3 > 0).then_some((row + part) as f64));
-            file.add(column(rows)).unwrap();
+            file.write(&batch(column(rows))).unwrap();
         }
-        let read = ParquetRecordBatchReaderBuilder::try_new(file.finish().unwrap()).unwrap();
+        let read = ParquetRecordBatchReaderBuilder::try_new(file.into_inner().unwrap()).unwrap();
         assert_eq!(read.metadata().num_row_groups(), 3);
         let batches = read.with_batch_size(4 * ROWS_PER_GROUP).build().unwrap();
         let values: Vec<_> = batches.map(|batch| batch.unwrap().column(0).clone()).collect();

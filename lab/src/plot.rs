@@ -23,7 +23,7 @@ use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::statistics::Concentration;
 use crate::sweep::folder::FlownSweep;
-use crate::sweep::results::{BEST_KNOWN, best_known, named, number, text};
+use crate::sweep::results::{BEST_KNOWN, best_known, few_of, number, text};
 use request::{PlotRequest, SheetOptions};
 use selection::{SelectedCurve, Selection};
 
@@ -139,20 +139,11 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
 
 /// The means of η in the figure that few fields determine; none of other metrics, of differences and of single seeds.
 fn few(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Vec<(String, Concentration)> {
-    let definition = &flown.definition;
     if request.metric() != Metric::LossRate || request.difference_to.is_some() {
         return Vec::new();
     }
-    let of_curve = |curve: &SelectedCurve| {
-        let name = &definition.strategies[curve.strategy];
-        let strategy = curve.strategy;
-        let of_point = |&point: &usize| {
-            let values = flown.values(point, strategy, Metric::LossRate);
-            (named(definition, name, point), Concentration::of(values.into_values()))
-        };
-        curve.points.iter().map(of_point).filter(|(_, concentration)| concentration.is_few()).collect::<Vec<_>>()
-    };
-    selection.curves.iter().flat_map(of_curve).collect()
+    let means = selection.curves.iter().flat_map(|curve| curve.points.iter().map(|&point| (point, curve.strategy)));
+    few_of(&flown.definition, &flown.rows, means)
 }
 
 /// The chart of the selected missions.

@@ -20,8 +20,7 @@ pub enum Support {
 
 impl Support {
     /// The range of the difference of two such quantities.
-    #[must_use]
-    pub fn of_difference(self) -> Self {
+    pub(crate) fn of_difference(self) -> Self {
         match self {
             Self::Fraction => Self::FractionDifference,
             Self::Real | Self::NonNegative | Self::FractionDifference => Self::Real,
@@ -100,8 +99,7 @@ impl MeanInterval {
 
     /// The p-value of the two-sided test that a mean difference is 0, the paired t test on the scale of the interval of
     /// `support`: it is below 0.05 where 0 lies outside the interval. `None` for a single value.
-    #[must_use]
-    pub fn p_of_zero(&self, support: Support) -> Option<f64> {
+    pub(crate) fn p_of_zero(&self, support: Support) -> Option<f64> {
         let error = self.deviation? / (self.n as f64).sqrt();
         let statistic = match support {
             Support::FractionDifference => self.mean.atanh() * (1.0 - self.mean * self.mean),
@@ -183,8 +181,7 @@ impl Concentration {
 
 /// The fewest decimals, at least `decimals`, that tell each of the limits of an interval from 0; `None` if they are
 /// many.
-#[must_use]
-pub fn told_decimals(limits: [f64; 2], decimals: usize) -> Option<usize> {
+pub(crate) fn told_decimals(limits: [f64; 2], decimals: usize) -> Option<usize> {
     let is_told = |text: &str| text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
     let mut enough = decimals..=decimals + MORE_DECIMALS;
     enough.find(|&decimals| limits.iter().all(|&limit| limit == 0.0 || is_told(&format!("{limit:.decimals$}"))))
@@ -206,8 +203,7 @@ pub fn limits_text(limits: [f64; 2], decimals: usize) -> String {
 const MORE_DECIMALS: usize = 5;
 
 /// `values − reference` for each common seed, ascending.
-#[must_use]
-pub fn paired_differences(values: &BTreeMap<u64, f64>, reference: &BTreeMap<u64, f64>) -> Vec<f64> {
+pub(crate) fn paired_differences(values: &BTreeMap<u64, f64>, reference: &BTreeMap<u64, f64>) -> Vec<f64> {
     values.iter().filter_map(|(seed, value)| Some(value - reference.get(seed)?)).collect()
 }
 

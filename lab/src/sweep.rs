@@ -38,29 +38,19 @@ use journal::{MissionRow, SweepJournal};
 use plan::Sweep;
 use shard::Shard;
 
-/// A part of a sweep that a process simulates.
-#[derive(Debug, Clone, Copy)]
-pub struct SweepTask<'a> {
-    /// The output folder.
-    pub out: &'a Path,
-    /// The shard.
-    pub shard: Shard,
-    /// Maximum number of threads; 0 for one per core.
-    pub threads: usize,
-}
-
-/// Simulates the missing missions of a shard, writes the results, and returns the journal. Calling it again resumes an
-/// interrupted sweep.
+/// Simulates the missing missions of a shard on at most `threads` threads, 0 for one per core, writes the results into
+/// the folder `out`, and returns the journal. Calling it again resumes an interrupted sweep.
 ///
 /// # Errors
 /// If the folder contains other files, a mission is refused, a file cannot be written, or on a stop.
 pub fn sweep(
     sweep: &Sweep,
-    task: SweepTask<'_>,
+    out: &Path,
+    shard: Shard,
+    threads: usize,
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<SweepJournal, LabError> {
-    let SweepTask { out, shard, threads } = task;
     let record = SweepRecord::open(sweep, out, shard)?;
     let mut missing: Vec<_> = record.missing().collect();
     move_first_of_each_strategy_to_front(&mut missing);
@@ -80,7 +70,7 @@ pub fn sweep(
         let fly_one = |mission: MissionKey| -> Result<(), LabError> {
             stop.check()?;
             let begin = Instant::now();
-            let row = fly(sweep, mission, stop)?;
+            let row = fly_scenario(&sweep.scenario(mission)?, mission, stop)?;
             let (record, work) = &mut *record.lock().unwrap_or_else(PoisonError::into_inner);
             record.add(&row)?;
             work.add(mission.strategy, begin.elapsed());
@@ -103,18 +93,8 @@ fn move_first_of_each_strategy_to_front(missions: &mut [MissionKey]) {
     }
 }
 
-/// Simulates a mission of the sweep with a strategy of the registry.
-///
-/// # Errors
-/// If the mission is refused, or on a stop.
-///
-/// # Panics
-/// If the mission does not belong to this sweep.
-pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
-    fly_scenario(&sweep.scenario(key)?, key, stop)
-}
-
-/// Simulates a mission of a sweep over another scenario than the sweep's own, such as one with arrivals in memory.
+/// Simulates the mission `key` of a sweep, with a strategy of the registry, over its scenario or another one, such as
+/// one with arrivals in memory.
 ///
 /// # Errors
 /// If the mission is refused, or on a stop.

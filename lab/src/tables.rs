@@ -27,18 +27,24 @@ fn ids(values: impl Iterator<Item = u32>) -> ArrayRef {
 /// The columns of these lines of `slots.csv`; `scheduled` has lists of ids.
 #[must_use]
 pub fn slot_columns(lines: &[&RecordedSlot]) -> Vec<NamedColumn> {
+    slot_columns_by(lines, |values| counts(values.into_iter()))
+}
+
+/// The columns of these lines of `slots.csv`, those of counts by `counts`.
+pub(crate) fn slot_columns_by(lines: &[&RecordedSlot], counts: fn(Vec<u64>) -> ArrayRef) -> Vec<NamedColumn> {
     let lines = || lines.iter().copied();
+    let counts = |of: fn(&RecordedSlot) -> u64| counts(lines().map(of).collect());
     let scheduled = lines().map(|slot| Some(slot.scheduled.iter().copied().map(Some)));
     let mut columns: Vec<NamedColumn> = vec![
-        ("slot", counts(lines().map(|slot| slot.slot))),
-        ("uav", counts(lines().map(|slot| slot.uav as u64))),
+        ("slot", counts(|slot| slot.slot)),
+        ("uav", counts(|slot| slot.uav as u64)),
         ("x_m", numbers(lines().map(|slot| slot.position.x))),
         ("y_m", numbers(lines().map(|slot| slot.position.y))),
         ("z_m", numbers(lines().map(|slot| slot.position.z))),
         ("scheduled", Arc::new(ListArray::from_iter_primitive::<UInt32Type, _, _>(scheduled))),
-        ("delivered_bits", counts(lines().map(|slot| slot.delivered_bits))),
-        ("lost_bits", counts(lines().map(|slot| slot.lost_bits))),
-        ("queued_bits", counts(lines().map(|slot| slot.queued_bits))),
+        ("delivered_bits", counts(|slot| slot.delivered_bits)),
+        ("lost_bits", counts(|slot| slot.lost_bits)),
+        ("queued_bits", counts(|slot| slot.queued_bits)),
         ("mode", Arc::new(StringArray::from_iter_values(lines().map(|slot| <&str>::from(slot.mode))))),
         ("refused", ids(lines().map(|slot| slot.refused))),
     ];

@@ -21,7 +21,6 @@ pub struct Stay {
 
 impl Stay {
     /// Before slot 1.
-    #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
             sensors: list.sensors().iter().map(|sensor| sensor.position).collect(),
@@ -40,7 +39,6 @@ impl Stay {
     }
 
     /// Whether more than a quarter of the sensor nodes lie beyond the box, enlarged by `d_c`.
-    #[must_use]
     pub fn is_trapped(&self) -> bool {
         let Some([low, high]) = self.corners else { return false };
         let is_beyond = |sensor: &&Position| {

@@ -186,13 +186,6 @@ impl Library {
         Ok(bytes)
     }
 
-    /// Refuses a best known flight of another measure than the instance has.
-    pub(crate) fn refuse_best(&self, instance: &Instance, expected: Measure, found: Measure) -> InputError {
-        let [expected, found] = [expected, found].map(Measure::label);
-        let what = format!("measure {found}: expected {expected}, of the scenario");
-        InputError::new(LIBRARY, &self.path(&best_file(instance, "toml")), what)
-    }
-
     /// The instance with its size and its best known flight.
     ///
     /// # Errors

@@ -19,8 +19,8 @@ use skysink_mission::trace::TraceHash;
 use skysink_mission::{MissionError, Plant};
 use skysink_planner::settings;
 
-use crate::best::{BestFlight, Measure, ReferenceValue, gap};
-use crate::instance::{Library, OpenInstance};
+use crate::best::{BestFlight, Measure, ReferenceValue, best_file, gap};
+use crate::instance::{LIBRARY, Library, OpenInstance};
 use crate::plan_file::{self, PLAN, PlannedFlight, PlannedMove};
 
 /// A flight over an instance that was flown again: one mission, or one for each seed of a policy instance.
@@ -168,7 +168,9 @@ impl FlownFlight {
         let library = &open.library;
         let best = library.best(&open.instance)?;
         if let Some(best) = best.as_ref().filter(|best| best.measure != *measure) {
-            return Err(library.refuse_best(&open.instance, *measure, best.measure).into());
+            let [expected, found] = [*measure, best.measure].map(Measure::label);
+            let what = format_args!("measure {found}: expected {expected}, of the scenario");
+            return Err(InputError::new(LIBRARY, &library.path(&best_file(&open.instance, "toml")), what).into());
         }
         let standings = library.standings()?;
         let latest = ReferenceValue::latest(&standings, &open.instance.name);

@@ -33,6 +33,8 @@ pub fn of_mission(error: MissionError) -> PyErr {
 pub fn of_lab(error: LabError) -> PyErr {
     match error {
         LabError::Mission(error) => of_mission(error),
-        LabError::Drawing(_) => PyRuntimeError::new_err(error.to_string()),
+        LabError::Mean { .. } | LabError::AllZero { .. } | LabError::Text { .. } => {
+            PyRuntimeError::new_err(error.to_string())
+        }
     }
 }

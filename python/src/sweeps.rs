@@ -10,6 +10,7 @@ use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, MetricStanding, standings};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::progress::LabProgress;
+use skysink_lab::sweep;
 use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows};
@@ -18,7 +19,6 @@ use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::mission_columns;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
-use skysink_lab::sweep::{self, SweepTask};
 use skysink_mission::files::write_whole;
 use toml::Table;
 
@@ -143,15 +143,15 @@ impl PySweepPlan {
     /// Runs the missing missions on `threads` threads of this process, for built-in strategies only, and tells `progress`
     /// the number of finished and of all missions.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize, progress: Option<Py<PyAny>>) -> PyResult<PyTable> {
-        let task = SweepTask { out: &out, shard: Shard::WHOLE, threads };
         let (journal, raised) = interruptible(py, |stop| {
             let raised = Raised::new(stop);
-            let journal = sweep::sweep(&self.0, task, stop, &|LabProgress { done, of, .. }| {
-                let told = progress.as_ref().map(|tell| Python::attach(|py| tell.call1(py, (done, of))));
-                if let Some(Err(error)) = told {
-                    raised.keep(error);
-                }
-            });
+            let journal =
+                sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|LabProgress { done, of, .. }| {
+                    let told = progress.as_ref().map(|tell| Python::attach(|py| tell.call1(py, (done, of))));
+                    if let Some(Err(error)) = told {
+                        raised.keep(error);
+                    }
+                });
             (journal, raised)
         })?;
         raised.check()?;

@@ -39,7 +39,6 @@ pub struct SampledFigures {
 
 impl ArrivalFigures {
     /// The figures of a mission; `None` if its arrivals are constant.
-    #[must_use]
     pub fn of(scenario: &Scenario, list: &SensorList) -> Option<Self> {
         let law = scenario.arrival_law();
         let sampling = list.sampling(scenario);

@@ -100,9 +100,6 @@ const MOST_NAMED: usize = 5;
 
 impl Figures {
     /// The figures of `scenario` with the SNs `list`.
-    ///
-    /// # Errors
-    /// If `[planner]` is refused; never for a scenario that [`skysink_planner::settings::resolve`] returned.
     pub fn of(scenario: &Scenario, list: &SensorList) -> Result<Self, MissionError> {
         let nodes = list.nodes();
         let sensors = Arc::new(list.sensors_of(scenario));

@@ -20,7 +20,6 @@ const MAX_SENSOR_SLOTS: u64 = 5_000_000;
 
 /// The result of one strategy.
 pub struct TrialFlight {
-    /// Name of the strategy.
     pub strategy: &'static str,
     /// Bits lost by overflow.
     pub lost_bits: u64,

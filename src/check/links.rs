@@ -29,7 +29,6 @@ pub struct LinkFigures {
 
 impl LinkFigures {
     /// The uplinks at the horizontal distance `distance_m` [m].
-    #[must_use]
     pub fn at(scenario: &Scenario, nodes: &[SensorNode], distance_m: f64) -> Self {
         let channel = Channel::of(&scenario.link.planned());
         let rates_bps = match channel.map() {

@@ -5,7 +5,6 @@ const PREFIXES: [(f64, &str); 5] = [(1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "
 
 /// Formats a quantity with three digits and a prefix: `5.88 Mbit`. Lengths below 10 km are in metres. Numbers below 1
 /// have at most four decimals.
-#[must_use]
 pub fn scaled(value: f64, unit: &str) -> String {
     let least = if unit == "m" { 1e4 } else { 1e3 };
     let prefix = PREFIXES.into_iter().find(|&(size, _)| value.abs() >= size && value.abs() >= least);
@@ -14,13 +13,11 @@ pub fn scaled(value: f64, unit: &str) -> String {
 }
 
 /// Formats a fraction in percent.
-#[must_use]
 pub fn percent(fraction: f64) -> String {
     format!("{} %", short(100.0 * fraction))
 }
 
 /// Formats a number with three significant digits, or all integer digits, without trailing zeros.
-#[must_use]
 pub fn short(value: f64) -> String {
     let digits = value.abs().log10().floor();
     let decimals = if digits.is_finite() { (2.0 - digits).clamp(0.0, 4.0) as usize } else { 0 };
@@ -29,7 +26,6 @@ pub fn short(value: f64) -> String {
 }
 
 /// Formats a range, or one value if both ends are equal.
-#[must_use]
 pub fn joined([low, high]: [String; 2]) -> String {
     if low == high { low } else { format!("{low} to {high}") }
 }

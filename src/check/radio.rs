@@ -92,7 +92,6 @@ impl TableFigures {
 
 impl RadioFigures {
     /// The figures of `scenario`, whose links at the distance d_c are `rim`.
-    #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode], rim: &LinkFigures) -> Self {
         let link = &scenario.link;
         let channel = Channel::of(link);
@@ -115,7 +114,6 @@ impl RadioFigures {
     }
 
     /// Name and value of each figure that applies.
-    #[must_use]
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         if let Some(table) = self.table {
             return table.rows().into_iter().flatten().collect();

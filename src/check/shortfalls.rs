@@ -8,7 +8,6 @@ use skysink_planner::strategies::STRATEGIES;
 
 /// How the models of this scenario with the SNs `list` are planned for where the strategies `flown` ignore a part, a
 /// line each.
-#[must_use]
 pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String> {
     let weights = list.weights(&list.sampling(scenario));
     let unweighted = STRATEGIES.iter().filter(|strategy| strategy.ignores_weights).map(|strategy| strategy.name);

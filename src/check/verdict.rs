@@ -84,7 +84,6 @@ impl fmt::Display for Round {
 pub struct Bounds<'a> {
     /// All SNs.
     pub table: &'a MissionTable,
-    /// Number of UAVs.
     pub uavs: usize,
     /// The sampling SNs.
     pub field: &'a FieldBits,
@@ -98,7 +97,6 @@ pub struct Bounds<'a> {
 
 impl Bounds<'_> {
     /// Whether loss is avoidable, given the results of these flights.
-    #[must_use]
     pub fn loss_free(&self, flights: &[TrialFlight]) -> LossFree {
         let field = self.field;
         let beyond_bits = field.beyond_buffers_bits;
@@ -139,7 +137,6 @@ impl Bounds<'_> {
     }
 
     /// The lower bound of a round, combined with the result of `tour`.
-    #[must_use]
     pub fn round(&self, tour_slots: Option<u64>) -> Round {
         let sensors = self.table.sensors.positions.len().div_ceil(self.uavs);
         let blocks = sensors.div_ceil(self.table.limits.blocks()) as u64;

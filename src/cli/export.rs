@@ -25,9 +25,6 @@ pub struct ExportCommand {
 
 impl ExportCommand {
     /// Writes the files and prints a summary of their content.
-    ///
-    /// # Errors
-    /// As [`export`].
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let exported = export(&self.export, stop)?;
         print(&exported.summary)?;

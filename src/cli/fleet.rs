@@ -59,9 +59,6 @@ struct Over(Vec<Setting>);
 
 impl FleetCommand {
     /// Finds the least fleets, prints them, and writes files.
-    ///
-    /// # Errors
-    /// If the scenario is refused, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { scenario, strategies, loss, seeds, most, over: Over(over), changes, out, form } = self;
         let changes = changes.overrides();

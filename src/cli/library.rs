@@ -16,7 +16,7 @@ use skysink_mission::record::{RunFolder, is_run_folder};
 use crate::error::Error;
 use crate::options::{NewFolder, strategy};
 use crate::report::{OutputForm, figure, print, table, with_numbers_from};
-use crate::simulate::{Simulation, simulate};
+use crate::simulate::simulate;
 
 /// Named instances with the best known flight of each, to compare planners on.
 #[derive(Debug, Args)]
@@ -116,9 +116,6 @@ struct Flights {
 
 impl LibraryCommand {
     /// Does what is asked.
-    ///
-    /// # Errors
-    /// If an instance, a run or a plan file is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { action, folder, form } = self;
         let library = Library::of(folder);
@@ -144,9 +141,11 @@ impl LibraryCommand {
                 let overrides = Overrides { strategy: Some(strategy), keys, ..Overrides::default() };
                 let runs = fly(&open, &overrides, &folder, stop)?;
                 print_placement(&library.verify(&runs, None, stop)?, form)?;
-                if let [run, ..] = &runs[..] {
+                if let [run, ..] = &runs[..]
+                    && !form.json
+                {
                     let more = if runs.len() > 1 { format!(" and {} more", runs.len() - 1) } else { String::new() };
-                    return form.print_words(format_args!("Run folder:      {}{more}", run.display()));
+                    return print(format_args!("Run folder:      {}{more}", run.display()));
                 }
                 Ok(())
             }
@@ -181,8 +180,7 @@ fn fly(open: &OpenInstance, overrides: &Overrides, folder: &NewFolder, stop: &St
         let scenario = open.flown_by(Overrides { seed: Some(seed), ..overrides.clone() })?;
         let list = SensorList::of(&scenario)?;
         let mission = Mission::until(&scenario, &list, stop)?;
-        let simulation = Simulation { scenario, folder: folder_of(seed), record: None };
-        let (folder, _) = simulate(&simulation, &list, mission, stop)?;
+        let (folder, _) = simulate(&scenario, &list, mission, &folder_of(seed), None, stop)?;
         Ok(folder.path().to_owned())
     };
     (1..=seeds).map(of_seed).collect()

@@ -26,9 +26,6 @@ pub struct CompletionsCommand {
 
 impl CompletionsCommand {
     /// Prints the completion script of the command line `skysink`.
-    ///
-    /// # Errors
-    /// If the output cannot be written.
     pub fn run(self, mut skysink: Command) -> Result<(), Error> {
         let mut text = Vec::new(); // clap_complete panics on a closed pipe
         clap_complete::generate(self.shell, &mut skysink, "skysink", &mut text);
@@ -49,9 +46,6 @@ pub struct ManCommand {
 
 impl ManCommand {
     /// Writes the man pages of the command line `skysink`.
-    ///
-    /// # Errors
-    /// If a page cannot be written.
     pub fn run(self, skysink: Command) -> Result<(), Error> {
         let Self { folder } = self;
         fs::create_dir_all(&folder).at(&folder)?;

@@ -20,9 +20,6 @@ pub struct MergeCommand {
 
 impl MergeCommand {
     /// Merges the shards.
-    ///
-    /// # Errors
-    /// If a shard is refused or missing, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Merge { out, .. } = &self.request;
         let merged = merge(&self.request, stop);

@@ -12,7 +12,7 @@ use skysink_planner::strategy::Registered;
 use crate::error::{Error, ended_early};
 use crate::options::{Changes, NewFolder, RecordingOptions, ScenarioFile};
 use crate::report::{OutputForm, TerminalProgress, figure, print, print_run, table, with_numbers_from};
-use crate::simulate::{Simulation, simulate};
+use crate::simulate::simulate;
 
 /// Search for the best flight by planner.objective and compare all strategies with it.
 #[derive(Debug, Args)]
@@ -41,9 +41,6 @@ pub struct OptimizeCommand {
 
 impl OptimizeCommand {
     /// Searches, flies the best known flight, and prints the comparison with all strategies.
-    ///
-    /// # Errors
-    /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario_of = |strategy: &Registered| {
             let overrides = Overrides { strategy: Some(strategy.name), ..self.changes.overrides() };
@@ -55,8 +52,8 @@ impl OptimizeCommand {
         let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps());
         let left = "nothing was written; run the command again, with a smaller --budget to end earlier";
         let found = found.map_err(|error| ended_early(error, left))?;
-        let simulation = Simulation { scenario: found.scenario.clone(), folder, record: recording.every() };
-        let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
+        let mission = found.mission()?;
+        let (folder, summary) = simulate(&found.scenario, &found.list, mission, &folder, recording.every(), stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
         form.print(&found.optimum, || {
             print_optimum(&found)?;

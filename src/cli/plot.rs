@@ -44,9 +44,6 @@ pub struct PlotCommand {
 
 impl PlotCommand {
     /// Draws the figure and prints its numbers.
-    ///
-    /// # Errors
-    /// If an option does not fit what is drawn, and as [`plot`] and [`draw_maps`].
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         if is_run_folder(&self.what[0]) { self.plot_runs(stop) } else { self.plot_sweep() }
     }

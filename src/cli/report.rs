@@ -32,9 +32,6 @@ pub struct ReportCommand {
 
 impl ReportCommand {
     /// Prints the results, and writes those of each sensor node.
-    ///
-    /// # Errors
-    /// If the folder is not that of a finished run or was changed, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let folder = RunFolder::open_to_read(&self.folder)?;
         let mut replay = Replay::open(&self.folder)?;

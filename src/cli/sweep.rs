@@ -10,7 +10,7 @@ use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::few;
 use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_lab::sweep::shard::Shard;
-use skysink_lab::sweep::{SweepTask, sweep};
+use skysink_lab::sweep::sweep;
 
 use crate::error::{Error, ended_early, flown_in};
 use crate::report::{TerminalProgress, print, warn_of_few};
@@ -57,9 +57,6 @@ pub struct SweepCommand {
 
 impl SweepCommand {
     /// Simulates the missions, or prints their number and estimated time.
-    ///
-    /// # Errors
-    /// If the sweep file or the output folder is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let seeds =
             self.seeds.map(|seeds| if let [count] = seeds[..] { Seeds::Count(count) } else { Seeds::List(seeds) });
@@ -71,7 +68,6 @@ impl SweepCommand {
         if self.plan {
             return print_plan(&plan, stop);
         }
-        let threads = self.threads;
         let is_in_place = self.sweep.is_dir() && self.out.is_none();
         let own = if is_in_place { Manifest::read("sweep", &self.sweep)?.map(|manifest| manifest.shard) } else { None };
         let shard = self.shard.or(own).unwrap_or(Shard::WHOLE);
@@ -79,8 +75,7 @@ impl SweepCommand {
             let name = self.sweep.file_stem().unwrap_or(self.sweep.as_os_str());
             if is_in_place { self.sweep.clone() } else { Path::new("runs").join(name) }
         });
-        let task = SweepTask { out: &out, shard, threads };
-        let journal = sweep(&plan, task, stop, &TerminalProgress::of_missions());
+        let journal = sweep(&plan, &out, shard, self.threads, stop, &TerminalProgress::of_missions());
         let journal = journal.map_err(|error| ended_early(error, &flown_in(&out)))?;
         let count = journal.count();
         if count == 0 {

@@ -12,9 +12,8 @@ use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
-use skysink_lab::sweep::{SweepTask, sweep};
+use skysink_lab::sweep::sweep;
 use skysink_planner::settings;
-use skysink_planner::strategy::Registered;
 use toml::Table;
 
 use crate::error::{Error, ended_early, flown_in};
@@ -23,7 +22,6 @@ use crate::report::TerminalProgress;
 /// A contender, and its mission in the recording.
 #[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
 pub struct ShownContender {
-    /// The contender.
     pub contender: Contender,
     /// The scenario of the mission in the recording.
     pub scenario: Scenario,
@@ -31,38 +29,21 @@ pub struct ShownContender {
     pub run: Option<PathBuf>,
 }
 
-/// Strategies over the fields of a scenario.
-#[derive(Debug)]
-pub struct ComparedStrategies {
-    /// The scenario file.
-    pub scenario: PathBuf,
-    /// Changes of its keys.
-    pub overrides: Overrides,
-    /// The strategies.
-    pub strategies: Vec<&'static Registered>,
-    /// Number of consecutive seeds, starting at the scenario's.
-    pub seeds: u64,
-}
-
-impl ComparedStrategies {
-    /// The sweep of the strategies over the scenario.
-    pub fn sweep(&self) -> Result<Sweep, Error> {
-        let path = &self.scenario;
-        let scenario = Scenario::read(path, self.overrides.clone()).and_then(settings::resolve)?;
-        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
-        let base = SweepBase { path: path.clone(), table, held: Overrides::default() };
-        let seeds = (scenario.seed..).take(self.seeds as usize).collect();
-        let strategies = self.strategies.iter().map(|strategy| strategy.name.to_owned()).collect();
-        let settings =
-            SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
-        Ok(Sweep::new(path, settings)?)
-    }
+/// The sweep of strategies over the scenario file `path` with these changes, and with consecutive seeds, as many as
+/// `seeds`, from the scenario's on.
+pub fn sweep_of(path: &Path, overrides: Overrides, strategies: Vec<String>, seeds: u64) -> Result<Sweep, Error> {
+    let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
+    let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+    let base = SweepBase { path: path.to_owned(), table, held: Overrides::default() };
+    let seeds = (scenario.seed..).take(seeds as usize).collect();
+    let settings =
+        SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
+    Ok(Sweep::new(path, settings)?)
 }
 
 /// Runs or resumes the sweep `plan` over one scenario in the folder `out`.
 pub fn fly_contenders(plan: &Sweep, out: &Path, stop: &Stop) -> Result<Vec<ShownContender>, Error> {
-    let task = SweepTask { out, shard: Shard::WHOLE, threads: 0 };
-    let journal = sweep(plan, task, stop, &TerminalProgress::of_missions());
+    let journal = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions());
     let journal = journal.map_err(|error| ended_early(error, &flown_in(out)))?;
     let contenders = Contender::of_sweep(&plan.definition, &journal.rows);
     let shown = |(strategy, contender): (usize, Contender)| {

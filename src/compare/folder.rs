@@ -43,9 +43,6 @@ fn is_scenario(name: &str) -> bool {
 }
 
 /// The runs that the comparison in `folder` compares; `None` if it is none of runs.
-///
-/// # Errors
-/// If its `runs.json` is not that of a comparison.
 pub fn compared_runs(folder: &Path) -> Result<Option<Vec<PathBuf>>, Error> {
     let Ok(text) = read_regular(&folder.join(MANIFEST)) else { return Ok(None) };
     let refuse = |error| {

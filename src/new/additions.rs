@@ -31,7 +31,6 @@ pub struct Additions {
     /// The tables of zones.
     #[cfg(feature = "lab")]
     pub zones: String,
-    /// Notes to print.
     pub notes: Vec<String>,
     /// What is probably unintended.
     pub warnings: Vec<String>,
@@ -40,9 +39,6 @@ pub struct Additions {
 #[cfg(feature = "lab")]
 impl Additions {
     /// Adds a map of links of the sensor nodes in `list`.
-    ///
-    /// # Errors
-    /// If two of them stand at one place.
     pub fn add_map(&mut self, map: LinkMap, list: &SensorList) -> Result<(), String> {
         let place = |id: usize| list.sensors()[id].position;
         let mut by_place: Vec<usize> = (0..list.sensors().len()).collect();

@@ -92,7 +92,7 @@ pub fn of_degrees(
     });
     let mut enclosed = nodes;
     enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
-    let log = sources.log.map(|log| (log.positions(), log.path())).unwrap_or_default();
+    let log = sources.log.as_ref().map(|log| (log.positions(), log.path())).unwrap_or_default();
     enclosed.extend(log.0.iter().map(|&position| SourcePosition {
         what: "flight log",
         path: &log.1,
@@ -296,11 +296,8 @@ fn find_boundary(zones: &mut [Zone], nodes: &[SourcePosition<'_>], path: &Path) 
 /// The altitude of the ground [m] at the sensor node that is nearest to a polygon; `None` if the list has none.
 fn ground_at(imported: &Imported, nodes_m: &[Position], polygon: &Polygon) -> Option<f64> {
     let column = imported.others.iter().position(|name| *name == import::GROUND)?;
-    let away_m = |node: &Position| {
-        if polygon.encloses(node) { 0.0 } else { (polygon.nearest(node) - node).norm() }
-    };
     let nodes = nodes_m.iter().zip(&imported.sensors);
-    let (_, nearest) = nodes.min_by(|(a, _), (b, _)| away_m(a).total_cmp(&away_m(b)))?;
+    let (_, nearest) = nodes.min_by(|(a, _), (b, _)| distance_to(polygon, a).total_cmp(&distance_to(polygon, b)))?;
     nearest.others[column].parse().ok()
 }
 

@@ -9,65 +9,89 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::plausible::{FieldPlaces, may_be_degrees};
 use skysink_common::geodata::{ReferenceSystem, read_zones};
 use skysink_common::geometry::Position;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
 use skysink_lab::import::{self, Frame, Imported};
 
+use super::additions::Additions;
 use super::degrees::of_degrees;
 use super::field::NewField;
-use super::log::LoggedFlight;
+use super::log::{LoggedFlight, TRACK_LINE};
+use super::presets::Lines;
 use super::terrain::Terrain;
 
 /// Margin between the sensor nodes and the border of the area [m].
 pub(super) const MARGIN_M: f64 = 10.0;
 
-/// The files of a new scenario.
+/// What a new scenario is made from.
 pub struct Sources<'a> {
-    /// The file of positions.
     pub sensors: Option<&'a Path>,
-    /// The file of zones.
     pub zones: Option<&'a Path>,
     /// Where the UAV starts, in the coordinates of the positions.
     pub start: Option<[f64; 2]>,
     /// `d_c` of the radio [m].
     pub comm_radius_m: f64,
     /// The flight log, whose flight the area encloses.
-    pub log: Option<&'a LoggedFlight>,
-    /// The ground.
-    pub terrain: Option<&'a Terrain<'a>>,
+    pub log: Option<LoggedFlight>,
+    pub terrain: Option<Terrain<'a>>,
 }
 
-/// Imports the positions and the zones of these files; `None` without any, and without a start.
-///
-/// # Errors
-/// If a file is refused, zones in degrees are to lie among positions in metres, or if the start lies in a zone.
-pub fn field(sources: &Sources<'_>) -> Result<Option<NewField>, InputError> {
-    let logged = sources.log.map(LoggedFlight::sensors);
-    let read = |path| {
-        let mut imported = import::read(path)?;
-        if let Some(terrain) = sources.terrain {
-            terrain.add_ground(&mut imported, path)?;
+impl Sources<'_> {
+    /// Imports the positions and the zones; `None` without any, and without a start.
+    ///
+    /// # Errors
+    /// If a file is refused, zones in degrees are to lie among positions in metres, or if the start lies in a zone.
+    pub fn field(&self) -> Result<Option<NewField>, InputError> {
+        let logged = self.log.as_ref().map(LoggedFlight::sensors);
+        let read = |path| {
+            let mut imported = import::read(path)?;
+            if let Some(terrain) = &self.terrain {
+                terrain.add_ground(&mut imported, path)?;
+            }
+            if self.log.as_ref().is_some_and(|log| log.frame() != imported.frame) {
+                let expected = "expected positions as in the flight log, all in metres or all in degrees";
+                return Err(InputError::new("sensor positions", path, expected));
+            }
+            Ok((imported, path))
+        };
+        let imported = self.sensors.or(logged.as_deref()).map(read).transpose()?;
+        let uav = self.start.map(|start_m| format!("start_m = {start_m:?}\n"));
+        let zones = self.zones.map(|path| Ok((read_zones(path)?, path))).transpose()?;
+        match (imported, zones) {
+            (None, None) => Ok(uav.map(|uav| NewField { uav, ..NewField::default() })),
+            (Some((imported, path)), None) if imported.frame == Frame::Plane => {
+                of_plane(&imported, path, self).map(Some)
+            }
+            (Some((Imported { frame: Frame::Plane, .. }, path)), Some(_)) => {
+                let expected = "positions in metres: expected latitudes and longitudes, as the zones have";
+                Err(InputError::new("sensor positions", path, expected))
+            }
+            (imported, zones) => {
+                let imported = imported.as_ref().map(|(imported, path)| (imported, *path));
+                of_degrees(imported, zones, self).map(Some)
+            }
         }
-        if sources.log.is_some_and(|log| log.frame() != imported.frame) {
-            let expected = "expected positions as in the flight log, all in metres or all in degrees";
-            return Err(InputError::new("sensor positions", path, expected));
-        }
-        Ok((imported, path))
-    };
-    let imported = sources.sensors.or(logged.as_deref()).map(read).transpose()?;
-    let uav = sources.start.map(|start_m| format!("start_m = {start_m:?}\n"));
-    let zones = sources.zones.map(|path| Ok((read_zones(path)?, path))).transpose()?;
-    match (imported, zones) {
-        (None, None) => Ok(uav.map(|uav| NewField { uav, ..NewField::default() })),
-        (Some((imported, path)), None) if imported.frame == Frame::Plane => {
-            of_plane(&imported, path, sources).map(Some)
-        }
-        (Some((Imported { frame: Frame::Plane, .. }, path)), Some(_)) => {
-            let expected = "positions in metres: expected latitudes and longitudes, as the zones have";
-            Err(InputError::new("sensor positions", path, expected))
-        }
-        (imported, zones) => {
-            let imported = imported.as_ref().map(|(imported, path)| (imported, *path));
-            of_degrees(imported, zones, sources).map(Some)
-        }
+    }
+
+    /// What the log or the terrain adds to the `draft`.
+    pub fn additions(
+        &self,
+        field: Option<&mut NewField>,
+        draft: &Scenario,
+        list: &SensorList,
+        lines: &mut Lines,
+    ) -> Result<Additions, InputError> {
+        let Some(field) = field else { return Ok(Additions::default()) };
+        let additions = match (&self.log, &self.terrain) {
+            (Some(log), _) => {
+                TRACK_LINE.clone_into(&mut field.uav);
+                log.additions(draft, list, field.shift, lines)?
+            }
+            (None, Some(terrain)) => terrain.additions(draft, list, field.shift, lines)?,
+            (None, None) => return Ok(Additions::default()),
+        };
+        field.zones += &additions.zones;
+        Ok(additions)
     }
 }
 
@@ -126,7 +150,7 @@ fn check_metres(path: &Path) -> Result<(), InputError> {
 fn of_plane(imported: &Imported, path: &Path, sources: &Sources<'_>) -> Result<NewField, InputError> {
     let Sources { start, comm_radius_m, .. } = *sources;
     check_metres(path)?;
-    let flown = sources.log.map(LoggedFlight::positions).unwrap_or_default();
+    let flown = sources.log.as_ref().map(LoggedFlight::positions).unwrap_or_default();
     let mut field = of_sensors(imported, path, &flown);
     let shift = field.shift;
     let in_area = |position: [f64; 2]| Position::new(position[0] + shift[0], position[1] + shift[1]);

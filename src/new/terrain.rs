@@ -27,9 +27,6 @@ pub struct Terrain<'a> {
 
 impl<'a> Terrain<'a> {
     /// Reads the grid in the file `path`.
-    ///
-    /// # Errors
-    /// If it is refused.
     pub fn read(path: &'a Path, clearance_m: f64) -> Result<Self, InputError> {
         Ok(Self { path, grid: HeightGrid::read(path)?, clearance_m })
     }
@@ -112,10 +109,9 @@ impl<'a> Terrain<'a> {
     ) -> Result<(), InputError> {
         let limit_m = altitude_m - self.clearance_m;
         let marked = grid.above(limit_m);
-        let corner = grid.corner();
         let corner_m =
-            |[x, y]: &[usize; 2]| (corner + Position::new(*x as f64, *y as f64).coords * grid.cell_m()).into();
-        let rings = outlines(&marked, grid.cells(), |cell| grid.height_of(cell));
+            |[x, y]: &[usize; 2]| (grid.corner + Position::new(*x as f64, *y as f64).coords * grid.cell_m).into();
+        let rings = outlines(&marked, grid.cells, |cell| grid.heights_m[cell]);
         let polygon = |ring: &Vec<[usize; 2]>| {
             let corners_m: Vec<[f64; 2]> = ring.iter().map(corner_m).collect();
             Polygon::of(&corners_m, false).expect("outlines are simple")
@@ -128,7 +124,7 @@ impl<'a> Terrain<'a> {
                 start.x, start.y, self.clearance_m
             )));
         }
-        simplify(&mut polygons, EXACT_CORNERS, grid.cell_m(), KeptGround { places: &[*start], areas: &[] });
+        simplify(&mut polygons, EXACT_CORNERS, grid.cell_m, KeptGround { places: &[*start], areas: &[] });
         for polygon in &polygons {
             let corners_m: Vec<[f64; 2]> = polygon.corners().iter().map(|at| [in_mm(at.x), in_mm(at.y)]).collect();
             additions.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n");
@@ -153,7 +149,7 @@ fn add_links(
     let nodes = list.nodes();
     let sides_m = [draft.area.width_m(), draft.area.height_m()];
     let most = (MOST_POINTS / nodes.len()).min(MOST_OF_NODE);
-    let map_grid = MapGrid::over(sides_m, grid.cell_m().min(draft.link.comm_radius_m), most, draft.uav.altitude_m);
+    let map_grid = MapGrid::over(sides_m, grid.cell_m.min(draft.link.comm_radius_m), most, draft.uav.altitude_m);
     let channel = Channel::of(&draft.link);
     // Cells of the map that begin farther away are of no use.
     let farthest_m = draft.link.comm_radius_m + 2.0 * map_grid.step_m;

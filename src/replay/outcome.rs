@@ -54,9 +54,6 @@ pub struct Replayed<'a> {
 
 impl<'a> Replayed<'a> {
     /// Starts the comparison. [`Replayed::finish`] creates the file `path`.
-    ///
-    /// # Errors
-    /// If the file cannot be created.
     pub fn new(scenario: &Scenario, recorded: &'a RecordedRun, path: &Path) -> Result<Self, Error> {
         let csv = BufWriter::new(write_unfinished(path, COLUMNS.as_bytes()).at(path)?);
         Ok(Self {
@@ -71,9 +68,6 @@ impl<'a> Replayed<'a> {
     }
 
     /// Writes `plans.csv`, and returns the counts and the hash of the trace.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
     pub fn finish(self) -> Result<(PlanCounts, u64), Error> {
         let csv = self.csv.into_inner().map_err(std::io::IntoInnerError::into_error).at(&self.path)?;
         csv.persist(&self.path).map_err(std::io::Error::from).at(&self.path)?;

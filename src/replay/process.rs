@@ -39,9 +39,6 @@ pub struct PlannerArguments {
 }
 
 /// Runs flight-sim: flies the plans, or replays a recorded flight.
-///
-/// # Errors
-/// As [`skysink_flight_sim::node`], or if the trace cannot be read.
 pub fn flight_sim(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -62,9 +59,6 @@ pub fn flight_sim(
 
 /// Runs planner: plans, or sends the recorded waypoints and schedules. For a slot without a recorded decision it sends
 /// a plan that holds the position.
-///
-/// # Errors
-/// If a peer is missing or wrong, the ring is broken, the trace cannot be read, or on a stop.
 pub fn planner(
     scenario: &Scenario,
     folder: &RingFolder,

@@ -6,10 +6,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use skysink_ring::folder::RingFolder;
-use skysink_ring::role::Role;
 
-use crate::error::Error;
-use crate::run::executables::is_command;
 use crate::run::process::Invocation;
 
 /// A program and its arguments; never empty.
@@ -39,7 +36,7 @@ impl CommandLine {
     }
 
     /// As it is typed as the value of an option; `None` if a shell cannot quote it.
-    fn quoted(&self) -> Option<String> {
+    pub fn quoted(&self) -> Option<String> {
         let command = shlex::try_join(self.0.iter().map(String::as_str)).ok()?;
         shlex::try_quote(&command).ok().map(Cow::into_owned)
     }
@@ -71,17 +68,7 @@ impl FromStr for VehicleOption {
 }
 
 impl VehicleOption {
-    /// The command, unless the bridge flies.
-    #[must_use]
-    pub fn command(&self) -> Option<&CommandLine> {
-        match self {
-            Self::Command(command) => Some(command),
-            Self::Mavlink(_) => None,
-        }
-    }
-
     /// The addresses, if the bridge flies.
-    #[must_use]
     pub fn addresses(&self) -> Option<&str> {
         match self {
             Self::Mavlink(addresses) => Some(addresses),
@@ -90,65 +77,11 @@ impl VehicleOption {
     }
 
     /// As it is typed as the value of an option; `None` if a shell cannot quote it.
-    fn quoted(&self) -> Option<String> {
+    pub fn quoted(&self) -> Option<String> {
         match self {
             Self::Command(command) => command.quoted(),
             Self::Mavlink(addresses) => shlex::try_quote(addresses).ok().map(Cow::into_owned),
         }
-    }
-}
-
-/// What the user starts Skysink with instead of its own planner and flight-sim.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Replacements<'a> {
-    /// `--planner`.
-    pub planner: Option<&'a CommandLine>,
-    /// `--vehicle`.
-    pub vehicle: Option<&'a VehicleOption>,
-}
-
-impl<'a> Replacements<'a> {
-    /// The roles that are filled, with the options that say so.
-    pub fn roles(self) -> impl Iterator<Item = (Role, &'static str)> {
-        let planner = self.planner.map(|_| (Role::Planner, "--planner"));
-        let vehicle = self.vehicle.map(|_| (Role::FlightSim, "--vehicle"));
-        planner.into_iter().chain(vehicle)
-    }
-
-    /// The command of the user that fills `role`, if one does.
-    pub fn command(self, role: Role) -> Option<&'a CommandLine> {
-        match role {
-            Role::Planner => self.planner,
-            Role::FlightSim => self.vehicle.and_then(VehicleOption::command),
-            _ => None,
-        }
-    }
-
-    /// Refuses a role that is left to the user, too, and a command that is none.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
-    pub fn check(self, external: &[Role]) -> Result<(), Error> {
-        for (role, option) in self.roles() {
-            let name = role.name();
-            if external.contains(&role) {
-                return Err(Error::Usage(format!("--external {name} and {option}: expected one of them")));
-            }
-            if let Some(CommandLine(words)) = self.command(role)
-                && !is_command(&words[0])
-            {
-                let expected = "expected an executable file or a command of the PATH";
-                return Err(Error::Usage(format!("{option} {}: {expected}", words[0])));
-            }
-        }
-        Ok(())
-    }
-
-    /// The options that name them, each after a space.
-    pub fn options(self) -> impl Iterator<Item = String> {
-        let planner = self.planner.and_then(CommandLine::quoted).map(|value| format!(" --planner {value}"));
-        let vehicle = self.vehicle.and_then(VehicleOption::quoted).map(|value| format!(" --vehicle {value}"));
-        planner.into_iter().chain(vehicle)
     }
 }
 
@@ -164,14 +97,5 @@ mod tests {
         }
         assert_eq!(addresses("python3 udpin:1"), None);
         assert!("'".parse::<VehicleOption>().is_err());
-    }
-
-    #[test]
-    fn replacement_commands_are_printed_with_shell_quoting() {
-        let planner = "python3 'my file.py'".parse().unwrap();
-        let vehicle = "udpin:127.0.0.1:14540".parse().unwrap();
-        let replacements = Replacements { planner: Some(&planner), vehicle: Some(&vehicle) };
-        let options: String = replacements.options().collect();
-        assert_eq!(options, " --planner \"python3 'my file.py'\" --vehicle udpin:127.0.0.1:14540");
     }
 }

@@ -15,7 +15,6 @@ use crate::run::heartbeat::{Heartbeat, SILENT_AFTER};
 /// A process of the run that the launcher does not start.
 #[derive(Debug)]
 pub struct ExternalProcess<S: Service> {
-    /// Its role.
     pub role: Role,
     /// Whether it runs on this host.
     is_local: bool,
@@ -29,9 +28,6 @@ pub struct ExternalProcess<S: Service> {
 
 impl<S: Service + 'static> ExternalProcess<S> {
     /// The process of `role`, which may be on another host if the ring has a link.
-    ///
-    /// # Errors
-    /// If the listener for its events cannot be created.
     pub fn new(ring: &Ring<S>, role: Role) -> Result<Self, RingError> {
         let listener = ring.terms.link.map(|_| ring.heartbeat_listener(role)).transpose()?;
         Ok(Self { role, is_local: false, listener, heard: None, heartbeat: Heartbeat::after(None) })
@@ -68,19 +64,16 @@ impl<S: Service + 'static> ExternalProcess<S> {
     }
 
     /// Whether the process is known to run, on this host or on another.
-    #[must_use]
     pub fn is_present(&self) -> bool {
         self.is_local || self.is_heard()
     }
 
     /// Whether the process sends heartbeats from another host.
-    #[must_use]
     pub fn is_heard(&self) -> bool {
         self.heard.is_some() && !self.heartbeat.is_silent_for(SILENT_AFTER)
     }
 
     /// Whether the process has sent no heartbeat over the link for `limit`, or none since `begin`.
-    #[must_use]
     pub fn is_silent_for(&self, begin: Instant, limit: Duration) -> bool {
         self.listener.is_some()
             && match self.heard {

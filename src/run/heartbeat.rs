@@ -29,7 +29,6 @@ enum HeartbeatState {
 
 impl Heartbeat {
     /// The heartbeat of a process that is starting. `last` is the last beat of its predecessor.
-    #[must_use]
     pub fn after(last: Option<SystemTime>) -> Self {
         Self { last, since: Stopwatch::start(Instant::now()), state: HeartbeatState::Awaited }
     }
@@ -52,7 +51,6 @@ impl Heartbeat {
     }
 
     /// Whether the process is silent, for at least `limit`.
-    #[must_use]
     pub fn is_silent_for(&self, limit: Duration) -> bool {
         self.state == HeartbeatState::Silent && self.since.elapsed() >= limit
     }

@@ -25,9 +25,6 @@ const RING_INODES: u64 = 256;
 
 /// Checks that the machine has enough open files, shared memory, and disk space for a run over these sensor nodes, and
 /// allows files that are large enough.
-///
-/// # Errors
-/// [`Error::Insufficient`].
 pub fn check(list: &SensorList, viewer: bool) -> Result<(), Error> {
     check_files()?;
     let sensors = list.sensors().len() as u64;

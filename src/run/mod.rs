@@ -1,19 +1,19 @@
 //! `skysink run`: flies a mission as a ring of processes.
 
-pub mod commands;
+pub(crate) mod commands;
 pub mod executables;
-pub mod external;
-pub mod heartbeat;
-pub mod limits;
+mod external;
+mod heartbeat;
+pub(crate) mod limits;
 pub mod link;
 pub mod options;
-pub mod plan_watch;
-pub mod process;
+mod plan_watch;
+pub(crate) mod process;
 pub mod recorder;
-pub mod restart;
+pub(crate) mod restart;
 pub mod resume;
-pub mod ring_mission;
-pub mod supervise;
+pub(crate) mod ring_mission;
+pub(crate) mod supervise;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

@@ -20,8 +20,8 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
-use crate::run::commands::{CommandLine, Replacements, VehicleOption};
-use crate::run::executables;
+use crate::run::commands::{CommandLine, VehicleOption};
+use crate::run::executables::{self, is_command};
 use crate::run::limits;
 use crate::run::link;
 use crate::run::process::Invocation;
@@ -156,16 +156,37 @@ impl RunOptions {
         self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| 2.0 * period.as_secs_f64())
     }
 
-    /// What the user has put in the place of processes of Skysink.
-    pub(crate) fn replacements(&self) -> Replacements<'_> {
-        Replacements { planner: self.planner.as_ref(), vehicle: self.vehicle.as_ref() }
+    /// The roles that programs of the user or vehicles fill, with the options that say so.
+    pub(crate) fn replaced(&self) -> impl Iterator<Item = (Role, &'static str)> {
+        let planner = self.planner.as_ref().map(|_| (Role::Planner, "--planner"));
+        let vehicle = self.vehicle.as_ref().map(|_| (Role::FlightSim, "--vehicle"));
+        planner.into_iter().chain(vehicle)
     }
 
-    /// The roles whose processes are waited for as long as for one that the user starts: these, and a vehicle, which
-    /// has to get ready and to take off.
-    pub(crate) fn patient_roles(&self) -> Vec<Role> {
-        let vehicle = self.vehicle.iter().map(|_| Role::FlightSim);
-        self.external.iter().copied().chain(vehicle).collect()
+    /// The command of the user that fills `role`, if one does.
+    fn command(&self, role: Role) -> Option<&CommandLine> {
+        match (role, &self.vehicle) {
+            (Role::Planner, _) => self.planner.as_ref(),
+            (Role::FlightSim, Some(VehicleOption::Command(command))) => Some(command),
+            _ => None,
+        }
+    }
+
+    /// Refuses a replaced role that is left to the user, too, and a command that is none.
+    pub(crate) fn check_replaced(&self) -> Result<(), Error> {
+        for (role, option) in self.replaced() {
+            let name = role.name();
+            if self.external.contains(&role) {
+                return Err(Error::Usage(format!("--external {name} and {option}: expected one of them")));
+            }
+            if let Some(CommandLine(words)) = self.command(role)
+                && !is_command(&words[0])
+            {
+                let expected = "expected an executable file or a command of the PATH";
+                return Err(Error::Usage(format!("{option} {}: {expected}", words[0])));
+            }
+        }
+        Ok(())
     }
 
     /// Whether the planner is external: started by `--planner` or by the user.
@@ -179,7 +200,7 @@ impl RunOptions {
     }
 
     /// Pace and planner of the run. Options that are not given default to those of the run that is resumed, `before`.
-    pub fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
+    pub(crate) fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
         let before = before.cloned().unwrap_or_default();
         RunMode {
             pace: Some(self.pace.or(before.pace).unwrap_or_default()),
@@ -193,7 +214,7 @@ impl RunOptions {
 
     /// The names of the roles with external processes, and those that had one `before`, each once.
     fn external_roles(&self, before: Vec<String>) -> Vec<String> {
-        let replaced = self.replacements().roles().map(|(role, _)| role);
+        let replaced = self.replaced().map(|(role, _)| role);
         let mut roles = before;
         for role in self.external.iter().copied().chain(replaced).map(Role::name) {
             if !roles.iter().any(|other| other == role) {
@@ -210,10 +231,7 @@ impl RunOptions {
 
     /// Fails if the run to resume was flown by another planner, or if a process could not restore its checkpoint
     /// because it may be on another host.
-    ///
-    /// # Errors
-    /// If it was, or could not.
-    pub fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
+    pub(crate) fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
         let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
         if let Some(role) = self.external.iter().find(|&&role| self.may_checkpoint_remotely(role)) {
             let name = role.name();
@@ -234,21 +252,23 @@ impl RunOptions {
     }
 
     /// The options to pass with `--resume` to continue this run.
-    pub fn resume_options(&self) -> String {
+    pub(crate) fn resume_options(&self) -> String {
         let roles: Vec<_> = self.external.iter().filter(|&&role| !self.may_checkpoint_remotely(role)).collect();
         let link = self.link.iter().filter(|_| !roles.is_empty()).map(|config| {
             let config = config.to_string_lossy();
             format!(" --link {}", shlex::try_quote(&config).unwrap_or(Cow::Borrowed(&config)))
         });
         let words = roles.iter().map(|role| format!(" --external {}", role.name()));
-        words.chain(link).chain(self.replacements().options()).collect()
+        let planner = self.planner.as_ref().and_then(CommandLine::quoted).map(|value| format!(" --planner {value}"));
+        let vehicle = self.vehicle.as_ref().and_then(VehicleOption::quoted).map(|value| format!(" --vehicle {value}"));
+        words.chain(link).chain(planner).chain(vehicle).collect()
     }
 
     /// The command that starts the process of `role`.
     pub(crate) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
         let absolute = |path: &Path| std::path::absolute(path).at(path);
         let scenario = absolute(&launch.scenario)?;
-        if let Some(command) = self.replacements().command(role) {
+        if let Some(command) = self.command(role) {
             return Ok(command.invocation(ring, &scenario));
         }
         let vehicles = self.vehicle.as_ref().and_then(VehicleOption::addresses).filter(|_| role == Role::FlightSim);
@@ -267,10 +287,7 @@ impl RunOptions {
     }
 
     /// Checks that the bridge to vehicles can fly `scenario` at this pace: by the clock, and with a place on Earth.
-    ///
-    /// # Errors
-    /// [`Error::NoBridge`] or [`Error::Usage`].
-    pub fn check_vehicle(&self, scenario: &Scenario, pace: Pace) -> Result<(), Error> {
+    pub(crate) fn check_vehicle(&self, scenario: &Scenario, pace: Pace) -> Result<(), Error> {
         let Some(addresses) = self.vehicle.as_ref().and_then(VehicleOption::addresses) else { return Ok(()) };
         if !cfg!(feature = "mavlink") {
             return Err(Error::NoBridge);
@@ -307,7 +324,7 @@ impl RunOptions {
         if self.no_viewer && self.external.contains(&Role::Viewer) {
             return refuse("--external viewer and --no-viewer: expected one of them");
         }
-        self.replacements().check(&self.external)?;
+        self.check_replaced()?;
         if let Some(port @ 1..) = self.live {
             let probe = std::net::TcpListener::bind(("127.0.0.1", port));
             if let Err(error) = probe {
@@ -327,6 +344,14 @@ impl RunOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn replacement_commands_are_printed_with_shell_quoting() {
+        let planner = "python3 'my file.py'".parse().ok();
+        let vehicle = "udpin:127.0.0.1:14540".parse().ok();
+        let options = RunOptions { planner, vehicle, ..RunOptions::default() }.resume_options();
+        assert_eq!(options, " --planner \"python3 'my file.py'\" --vehicle udpin:127.0.0.1:14540");
+    }
 
     #[test]
     fn half_the_timeout_is_longer_than_a_paced_slot() {

@@ -52,7 +52,6 @@ pub struct PlanWatch {
 impl PlanWatch {
     /// The plans of a run with slots every `period` of wall time, up to `last_slot`. After `limit` without a plan the
     /// planner is hung.
-    #[must_use]
     pub fn new(period: Duration, limit: Duration, last_slot: u64, now: Instant) -> Self {
         Self {
             report_after: SILENT_AFTER.saturating_add(period),
@@ -72,7 +71,6 @@ impl PlanWatch {
     }
 
     /// How long after the beginning of a slot its flight is reported as overdue: a second after it was due.
-    #[must_use]
     pub fn report_after(&self) -> Duration {
         self.report_after
     }
@@ -139,7 +137,6 @@ impl PlanWatch {
     }
 
     /// Reports the slots held in a row up to the end of the mission, unless that is done.
-    #[must_use]
     pub fn end(&self) -> Option<SampleEvent> {
         (self.held > 1 && self.held > self.held_reported).then(|| self.held_event())
     }

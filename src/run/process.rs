@@ -30,7 +30,6 @@ const GRACE: Duration = Duration::from_secs(3);
 pub struct Invocation {
     /// The executable, or its name in a folder of PATH.
     pub program: PathBuf,
-    /// Its arguments.
     pub arguments: Vec<OsString>,
     /// Additional environment variables: name and value.
     pub environment: Vec<(&'static str, OsString)>,
@@ -69,16 +68,12 @@ pub enum ProcessChange {
 
 impl Process {
     /// The process of `role`, or the link to other hosts, not started yet.
-    #[must_use]
     pub fn new(role: Option<Role>, invocation: Invocation, restarts: Restarts) -> Self {
         Self { role, invocation, child: None, started: Instant::now(), messages: None, restarts, due: None }
     }
 
     /// Starts or restarts the process.
-    ///
-    /// # Errors
-    /// If the program cannot be started.
-    pub fn start(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
+    pub(crate) fn start(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         self.join_messages();
         self.due = None;
         let Invocation { program, arguments, environment, folder, prefix, ends_with_launcher } = &self.invocation;
@@ -110,13 +105,11 @@ impl Process {
     }
 
     /// Whether the process is running.
-    #[must_use]
     pub fn is_running(&self) -> bool {
         self.child.is_some()
     }
 
     /// Whether the process has ended and will not be restarted.
-    #[must_use]
     pub fn has_ended(&self) -> bool {
         self.child.is_none() && self.due.is_none()
     }
@@ -131,7 +124,7 @@ impl Process {
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if it has ended and is not restarted, or if it cannot be started.
-    pub fn advance(
+    pub(crate) fn advance(
         &mut self,
         slot: u64,
         progress: &TerminalProgress,

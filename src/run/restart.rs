@@ -68,7 +68,6 @@ const BACK_OFF_WINDOW: Duration = Duration::from_secs(1);
 /// The restarts of one process.
 #[derive(Debug)]
 pub struct Restarts {
-    /// The policy.
     pub policy: Restart,
     limits: &'static RestartLimits,
     recent: VecDeque<Instant>,
@@ -95,7 +94,6 @@ pub enum EndCause {
 
 impl Restarts {
     /// No restarts yet.
-    #[must_use]
     pub fn new(policy: Restart, limits: &'static RestartLimits) -> Self {
         Self { policy, limits, recent: VecDeque::new(), count: 0, exit_slot: 0, exits: 0, has_lasted: false }
     }
@@ -146,7 +144,6 @@ impl Restarts {
     }
 
     /// The limit that prevents a restart, as a suffix of the error message; empty if none is reached.
-    #[must_use]
     pub fn reached_limit(&self) -> String {
         let RestartLimits { restarts, exits, .. } = self.limits;
         if self.recent.len() >= *restarts {
@@ -164,7 +161,6 @@ pub struct Rule {
 }
 
 /// The role of this name, if `skysink run` starts its process.
-#[must_use]
 pub fn worker(name: &str) -> Option<Role> {
     name.parse().ok().filter(|role| *role != Role::Launcher)
 }
@@ -185,7 +181,6 @@ impl FromStr for Rule {
 
 impl Rule {
     /// The policy of a process: the last rule that names it, else the last rule for all, else on-failure.
-    #[must_use]
     pub fn policy(rules: &[Self], role: Role) -> Restart {
         let last = |role: Option<Role>| rules.iter().rev().find(|rule| rule.role == role).map(|rule| rule.policy);
         last(Some(role)).or_else(|| last(None)).unwrap_or(Restart::OnFailure)

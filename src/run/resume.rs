@@ -157,20 +157,14 @@ fn count_lines(path: &Path) -> Result<u64, MissionError> {
 }
 
 /// How an external planner knows the sampling rates if the queues are estimated; `None` if it gets the true queues.
-///
-/// # Errors
-/// If `[planner]` of the scenario is refused.
-pub fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option<Rates>, InputError> {
+pub(crate) fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option<Rates>, InputError> {
     Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
 impl ResumedRun {
     /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after
     /// the last complete line.
-    ///
-    /// # Errors
-    /// If the trace or the ring folder cannot be written.
-    pub fn save_checkpoints(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
+    pub(crate) fn save_checkpoints(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
         self.log.resume()?;
         let slot = self.plant.slot();
         if slot == 0 {

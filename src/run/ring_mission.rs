@@ -35,9 +35,6 @@ const MESSAGE_TIMEOUT_S: f64 = 30.0;
 const EXTERNAL_TIMEOUT_S: f64 = 600.0;
 
 /// Creates the ring folder of a mission and joins its iceoryx2 domain. `pace` limits the speed of the slots.
-///
-/// # Errors
-/// If the scenario is refused, or the folder cannot be created.
 pub fn make_ring(
     scenario: &Scenario,
     options: &RunOptions,
@@ -83,15 +80,10 @@ impl Drop for CleanUpGuard<'_> {
 
 /// A mission in a ring of processes.
 pub struct RingMission<'a> {
-    /// The scenario.
     pub scenario: &'a Scenario,
-    /// The options of the processes.
     pub options: &'a RunOptions,
-    /// Their inputs and outputs.
     pub launch: &'a Launch,
-    /// The folder of the ring.
     pub ring: &'a RingFolder,
-    /// Ends the mission early.
     pub stop: &'a Stop,
 }
 
@@ -108,8 +100,9 @@ impl RingMission<'_> {
         let progress = TerminalProgress::of_slots();
         let (ring, wait) = Ring::<ipc::Service>::join(self.ring, scenario, Role::Launcher, self.stop)?;
         let _janitor = Janitor::start(self.ring);
-        let external_s = options.timeout_s(EXTERNAL_TIMEOUT_S, ring.terms.pace, scenario.slot_s);
-        let external = ExternalTimeout { roles: options.patient_roles(), timeout: Duration::from_secs_f64(external_s) };
+        let vehicle = options.vehicle.iter().map(|_| Role::FlightSim); // which has to get ready and to take off
+        let roles = options.external.iter().copied().chain(vehicle).collect();
+        let external = ExternalTimeout { roles, timeout: self.external_timeout() };
         let mut recorder = Recorder::new(&ring, wait, external)?;
         self.announce_external(&progress)?;
         let mut workers = Workers::start(Supervision {

@@ -31,9 +31,7 @@ const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
 /// What a launcher supervises, and where it reports.
 pub struct Supervision<'a, S: Service + 'static> {
-    /// The ring.
     pub ring: &'a Ring<S>,
-    /// Its folder.
     pub folder: &'a RingFolder,
     /// Prints progress and events.
     pub progress: &'a TerminalProgress,
@@ -43,7 +41,6 @@ pub struct Supervision<'a, S: Service + 'static> {
     pub external: &'a [Role],
     /// The link to other hosts to be started, if any.
     pub link: Option<Process>,
-    /// The last slot of the mission.
     pub last_slot: u64,
 }
 
@@ -56,7 +53,6 @@ pub struct Worker {
 
 impl Worker {
     /// The process of `role`, not started yet.
-    #[must_use]
     pub fn new(role: Role, invocation: Invocation, policy: Restart) -> Self {
         let process = Process::new(Some(role), invocation, Restarts::new(policy, &OF_WORKERS));
         Self { role, process, heartbeat: Heartbeat::after(None) }
@@ -82,7 +78,6 @@ pub struct Workers<'a, S: Service + 'static> {
 pub struct SampleEvent {
     /// The sender.
     pub from: Role,
-    /// The event.
     pub event: ProcessEvent,
     /// Whether the process is hung, and must be restarted.
     pub is_hung: bool,
@@ -113,9 +108,6 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
 
     /// Polls the processes once; adds changes to the tally, prints them and publishes them on `health`. Returns the
     /// restart count of the current viewer.
-    ///
-    /// # Errors
-    /// As [`Workers::watch`].
     pub fn supervise(&mut self, tally: &mut Tally, sample: Option<SampleEvent>) -> Result<u32, Error> {
         self.run.progress.show_run(tally, self.run.last_slot);
         let slot = tally.last_slot() + 1;
@@ -159,7 +151,6 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Whether all workers with a role selected by `is_selected` have ended and will not be restarted.
-    #[must_use]
     pub fn have_ended(&self, is_selected: impl Fn(Role) -> bool) -> bool {
         self.run.workers.iter().filter(|worker| is_selected(worker.role)).all(|worker| worker.process.has_ended())
     }
@@ -206,13 +197,11 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Whether there is a heartbeat from an external process on another host.
-    #[must_use]
     pub fn is_external_alive(&self) -> bool {
         self.external.iter().any(ExternalProcess::is_heard)
     }
 
     /// Whether an external process on another host has sent no heartbeat for `limit`.
-    #[must_use]
     pub fn is_external_silent_for(&self, limit: Duration) -> bool {
         self.external.iter().any(|external| external.is_silent_for(self.begin, limit))
     }

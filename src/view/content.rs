@@ -14,7 +14,6 @@ const MAGIC: &[u8] = b"RRF2";
 
 /// The content of a page.
 pub struct PageContent {
-    /// The recordings.
     pub recordings: Vec<PathBuf>,
     /// The port of a running mission on this machine.
     pub live: Option<u16>,

@@ -5,7 +5,6 @@ use super::page::{INK, Page, fitting, line, stroke, text, text_width};
 /// The scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// Linear.
     Linear,
     /// Logarithmic; every value is above 0.
     Log,

@@ -6,7 +6,7 @@ pub use super::axis::Scale;
 use super::axis::{Axis, Panel};
 use super::page::{Look, MARGIN, Page, line, stroke};
 use super::style::SeriesStyle;
-use crate::error::{DrawingError, LabError};
+use crate::error::LabError;
 use crate::statistics::Support;
 
 /// Lower end of the x axis with its labels, for a screen [units].
@@ -107,10 +107,8 @@ impl Chart {
         let is_drawable = |mean: f64| mean.is_finite() && (!is_log || mean >= 0.0);
         let title = || self.look.title.clone();
         match self.points().find(|point| !is_drawable(point.mean)) {
-            Some(&CurvePoint { x, mean, .. }) => Err(LabError::Drawing(DrawingError::Mean { title: title(), x, mean })),
-            None if is_log && self.points().all(|point| point.mean == 0.0) => {
-                Err(LabError::Drawing(DrawingError::AllZero { title: title() }))
-            }
+            Some(&CurvePoint { x, mean, .. }) => Err(LabError::Mean { title: title(), x, mean }),
+            None if is_log && self.points().all(|point| point.mean == 0.0) => Err(LabError::AllZero { title: title() }),
             None => Ok(()),
         }
     }

@@ -59,11 +59,8 @@ pub struct MapSensor {
 /// What an area of a map is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AreaKind {
-    /// The boundary of the area.
     Boundary,
-    /// A no-fly zone.
     NoFly,
-    /// A building.
     Building,
     /// The base, or a part of it.
     Base,
@@ -93,7 +90,6 @@ pub struct TrajectoryMap {
     pub areas: Vec<(AreaKind, AreaOutline)>,
     /// Places that have a name: x, y [m].
     pub names: Vec<([f64; 2], String)>,
-    /// The sensors.
     pub sensors: Vec<MapSensor>,
     /// Position of each UAV at the start, then after each slot: x, y [m].
     pub paths_m: Vec<Vec<[f64; 2]>>,
@@ -121,9 +117,6 @@ pub struct MapSheet {
 
 impl MapSheet {
     /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
-    ///
-    /// # Errors
-    /// If the embedded font lacks a character, or a file cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<Vec<PathBuf>, LabError> {
         let cells = self.maps.len() + 1; // the last cell is the legend
         let width = self.look.width() - 2.0 * MARGIN;

@@ -11,7 +11,7 @@ use ttf_parser::Face;
 
 #[cfg(feature = "pictures")]
 use super::pictures;
-use crate::error::{DrawingError, LabError, MissingGlyph};
+use crate::error::{LabError, MissingGlyph};
 
 /// Width of a page for a screen [units], and minimum width of a PNG [pixels].
 const WIDTH: f64 = 1600.0;
@@ -124,7 +124,7 @@ impl Page {
         let document = self.document.set("width", in_pt(width)).set("height", in_pt(height));
         let svg = document.set("viewBox", (0.0, 0.0, width, height)).to_string();
         for text in svg.split(['<', '>']).map(str::trim) {
-            let refuse = |missing| LabError::Drawing(DrawingError::Text { text: text.to_owned(), missing });
+            let refuse = |missing| LabError::Text { text: text.to_owned(), missing };
             check_text(text).map_err(refuse)?;
         }
         let file = stem.with_added_extension("svg");

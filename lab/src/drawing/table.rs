@@ -21,7 +21,6 @@ impl Chart {
     ///
     /// # Panics
     /// If the curves have different numbers of points.
-    #[must_use]
     pub fn table(&self, cells: TableCells) -> NumberTable {
         let interval = match cells {
             TableCells::Means => "",
@@ -97,7 +96,6 @@ impl CurvePoint {
 
 impl NumberTable {
     /// The table in Markdown, below its title.
-    #[must_use]
     pub fn markdown(&self) -> String {
         let title = if self.title.is_empty() { String::new() } else { format!("**{}**; ", self.title) };
         let line = |cells: &Vec<String>| {
@@ -113,7 +111,6 @@ impl NumberTable {
 
     /// The table for LaTeX with the package booktabs, after its title and `about` as a comment. If it is wider than
     /// `room_pt` [pt], each cell has a line of its own.
-    #[must_use]
     pub fn latex(&self, about: &str, room_pt: Option<f64>) -> String {
         if room_pt.is_some_and(|room_pt| self.width_pt() > room_pt) {
             return self.narrow().latex(about, None);

@@ -20,14 +20,7 @@ pub enum AltitudeReference {
 }
 
 impl AltitudeReference {
-    /// Its `MAV_FRAME`.
-    #[must_use]
-    pub fn frame(self) -> u8 {
-        self as u8
-    }
-
     /// QGroundControl's code.
-    #[must_use]
     pub fn altitude_mode(self) -> u32 {
         match self {
             Self::Relative => 1,
@@ -91,21 +84,18 @@ impl Altitudes {
     }
 
     /// An altitude of the mission [m] above home; one above the ground below as it is.
-    #[must_use]
     pub fn above_home_m(&self, altitude_m: f64) -> f64 {
         if self.reference == AltitudeReference::Msl { altitude_m - self.home_m() } else { altitude_m }
     }
 
     /// How high above the ground at a place an altitude of the mission can be [m]; `None` if it is above the ground
     /// below, or the list does not tell the ground.
-    #[must_use]
     pub fn above_ground_m(&self, at: &Position, altitude_m: f64) -> Option<f64> {
         Some(self.above_home_m(altitude_m) + self.home_m() - self.ground_to_clear()?.lowest_m(at))
     }
 
     /// The altitude of a take-off at `home`, above it, and of each of the `waypoints` after it [m]: both ends of a leg
     /// are as far above its highest ground as the model flies above the ground.
-    #[must_use]
     pub fn along(&self, home: &Point3<f64>, waypoints: &[Point3<f64>]) -> Vec<f64> {
         let nodes = || std::iter::once(home).chain(waypoints);
         let Some(ground) = self.ground_to_clear() else { return nodes().map(|node| node.z).collect() };

@@ -86,14 +86,7 @@ const PX4: VehicleMotion = VehicleMotion {
 };
 
 impl Autopilot {
-    /// Its `MAV_AUTOPILOT`.
-    #[must_use]
-    pub fn mav_autopilot(self) -> u32 {
-        self as u32
-    }
-
     /// The hold that it makes of `hold_s` [s], at least as long.
-    #[must_use]
     pub fn hold_s(self, hold_s: f64) -> f64 {
         match self {
             Self::Px4 => hold_s,
@@ -104,7 +97,6 @@ impl Autopilot {
     }
 
     /// How its vehicles move by default.
-    #[must_use]
     pub fn motion(self) -> VehicleMotion {
         match self {
             Self::Px4 => PX4,
@@ -115,7 +107,6 @@ impl Autopilot {
 
 impl VehicleMotion {
     /// The motion with another horizontal acceleration [m/s²] and jerk [m/s³].
-    #[must_use]
     pub fn with(self, acceleration_mps2: Option<f64>, jerk_mps3: Option<f64>) -> Self {
         let acceleration_mps2 = acceleration_mps2.unwrap_or(self.horizontal.acceleration_mps2);
         Self {
@@ -125,13 +116,11 @@ impl VehicleMotion {
     }
 
     /// Time from arming to the altitude `altitude_m` [m] above home [s].
-    #[must_use]
     pub fn take_off_s(&self, altitude_m: f64) -> f64 {
         self.spool_s + altitude_m.max(0.0) / self.climb_mps
     }
 
     /// Time from `altitude_m` [m] above home to the end of the landing [s].
-    #[must_use]
     pub fn landing_s(&self, altitude_m: f64) -> f64 {
         let slow_m = altitude_m.clamp(0.0, self.slow_m);
         self.pause_s + slow_m / self.touch_down_mps + (altitude_m - self.slow_m).max(0.0) / self.descent_mps

@@ -24,7 +24,8 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
             || ",,,,".to_owned(), // the start has no results
             |slot| {
                 let RecordedSlot { delivered_bits, lost_bits, queued_bits, mode, .. } = slot;
-                format!("{},{delivered_bits},{lost_bits},{queued_bits},{mode}", point.served_text())
+                let served = point.served().iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
+                format!("{served},{delivered_bits},{lost_bits},{queued_bits},{mode}")
             },
         );
         let altitude_m = point.position.z;

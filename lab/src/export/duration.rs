@@ -30,7 +30,6 @@ pub struct MissionEffort {
 
 /// What take-off at `home` to `altitude_m` [m], the legs, and the return and landing take. The energy is that of
 /// `battery`.
-#[must_use]
 pub fn effort(
     motion: &VehicleMotion,
     home: Point2<f64>,
@@ -61,7 +60,6 @@ pub fn effort(
 }
 
 /// Time of a leg from rest to rest [s].
-#[must_use]
 pub fn leg_s(motion: &VehicleMotion, from: &Point3<f64>, leg: &MissionLeg) -> f64 {
     let step = leg.to - from;
     let distance_m = step.xy().norm();

@@ -17,7 +17,6 @@ const SHARPEST: f64 = 0.5;
 
 /// Points along the boundary of the area, `margin_m` [m] outside of it, counter-clockwise: the corners of its polygon,
 /// or points on the sides of its rectangle from the south-west corner.
-#[must_use]
 pub fn border(area: &Area, margin_m: f64) -> Vec<Position> {
     if let Some(border) = area.border() {
         return widened(border.corners().iter().rev().copied().collect(), margin_m);
@@ -51,7 +50,6 @@ fn polygon(corners: &[Position]) -> Polygon {
 }
 
 /// How many of the `positions` lie within `near_m` [m] of the fence with these corners, or outside of it.
-#[must_use]
 pub fn count_near(corners: &[Position], positions: impl Iterator<Item = Position>, near_m: f64) -> usize {
     let fence = polygon(corners);
     let is_inside = |at: &Point| fence.contains(at) && Euclidean.distance(at, fence.exterior()) >= near_m;

@@ -42,11 +42,8 @@ pub enum WriteFormat {
 /// A vehicle mission to write, and what else a file may hold.
 #[derive(Debug)]
 pub struct ExportedMission<'a> {
-    /// The flight.
     pub track: &'a GeodeticTrack<'a>,
-    /// Its mission.
     pub mission: &'a VehicleMission,
-    /// The options.
     pub options: &'a VehicleMissionOptions,
     /// The corners of the geofence.
     pub fence: Vec<GeodeticPosition>,

@@ -3,6 +3,7 @@
 use geojson::{Feature, FeatureCollection, Geometry};
 use serde_json::{Value, json};
 use skysink_common::geodata::projection::GeodeticPosition;
+use skysink_mission::replay::RecordedRun;
 
 use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};
@@ -19,7 +20,9 @@ pub static FORMAT: ExportFormat = ExportFormat {
 /// The features as text.
 pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
     let border = || track.border.iter().chain(&track.border[..1]).map(ground);
-    let area = feature(Geometry::new_polygon([border()]), json!({ "kind": "area", "name": track.name() }));
+    let RecordedRun { scenario, strategy, .. } = track.run;
+    let name = format!("{} {strategy} seed {}", scenario.name, scenario.seed);
+    let area = feature(Geometry::new_polygon([border()]), json!({ "kind": "area", "name": name }));
     let zones = track.zones.iter().map(|zone| {
         let corners = zone.corners.iter().chain(&zone.corners[..1]).map(ground);
         let properties = match zone.height_m {
@@ -30,7 +33,7 @@ pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
     });
     let flight = feature(
         Geometry::new_line_string(track.points.iter().map(in_the_air)),
-        json!({ "kind": "flight", "slot_s": track.run.scenario.slot_s }),
+        json!({ "kind": "flight", "slot_s": scenario.slot_s }),
     );
     let services = track.services().map(|(point, slot)| {
         let properties =

@@ -36,7 +36,6 @@ pub struct Ground {
 
 impl Ground {
     /// The ground of a list; `None` if the list does not tell it.
-    #[must_use]
     pub fn of(list: &SensorList) -> Option<Self> {
         let sensors = list.sensors().iter().zip(list.ground_m());
         let sensors: Vec<_> =
@@ -80,7 +79,6 @@ impl Ground {
     }
 
     /// Whether the altitudes differ.
-    #[must_use]
     pub fn is_hilly(&self) -> bool {
         let mut altitudes_m = self.sensors.iter().map(|sensor| sensor.data);
         let first_m = altitudes_m.next();
@@ -88,14 +86,12 @@ impl Ground {
     }
 
     /// The highest that the ground can be at a place [m].
-    #[must_use]
     pub fn highest_m(&self, at: &Position) -> f64 {
         let bound_m = self.neighbours(at).map(|(distance_m, ground_m)| ground_m + self.slope * distance_m);
         self.here_m(at).chain([bound_m.fold(f64::INFINITY, f64::min)]).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// The lowest that the ground can be at a place [m].
-    #[must_use]
     pub fn lowest_m(&self, at: &Position) -> f64 {
         let bound_m = self.neighbours(at).map(|(distance_m, ground_m)| ground_m - self.slope * distance_m);
         self.here_m(at).chain([bound_m.fold(f64::NEG_INFINITY, f64::max)]).fold(f64::INFINITY, f64::min)
@@ -106,14 +102,7 @@ impl Ground {
         self.sensors.locate_within_distance([at.x, at.y], LEAST_DISTANCE_M * LEAST_DISTANCE_M).map(|sensor| sensor.data)
     }
 
-    /// The altitude in the middle between the lowest and the highest that the ground can be at a place [m].
-    #[must_use]
-    pub fn midway_m(&self, at: &Position) -> f64 {
-        f64::midpoint(self.lowest_m(at), self.highest_m(at))
-    }
-
     /// The highest that the ground can be on the straight line between two places [m].
-    #[must_use]
     pub fn highest_between_m(&self, from: &Position, to: &Position) -> f64 {
         let steps = ((to - from).norm() / STEP_M).ceil().max(1.0);
         let step_m = (to - from).norm() / steps;

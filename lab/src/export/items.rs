@@ -6,7 +6,6 @@ use super::altitude::AltitudeReference;
 
 /// An item of a vehicle mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[expect(missing_docs, reason = "the names of the fields say it")]
 pub enum VehicleItem {
     /// `MAV_CMD_NAV_TAKEOFF`: above home [m].
     TakeOff { home: GeodeticPosition, altitude_m: f64 },
@@ -34,7 +33,6 @@ const NO_POSITION: u8 = 2;
 
 impl VehicleItem {
     /// Converts the item to the codes of MAVLink (`MAV_CMD` and `MAV_FRAME` of common.xml).
-    #[must_use]
     pub fn mavlink(&self, reference: AltitudeReference) -> MavlinkItem {
         let at = |command, frame, hold_s, place: GeodeticPosition, altitude_m| MavlinkItem {
             command,
@@ -42,8 +40,8 @@ impl VehicleItem {
             params: [hold_s, 0.0, 0.0, f64::NAN, place.lat_deg, place.lon_deg, altitude_m],
         };
         match *self {
-            Self::TakeOff { home, altitude_m } => at(22, AltitudeReference::Relative.frame(), 0.0, home, altitude_m),
-            Self::Waypoint { place, altitude_m, hold_s } => at(16, reference.frame(), hold_s, place, altitude_m),
+            Self::TakeOff { home, altitude_m } => at(22, AltitudeReference::Relative as u8, 0.0, home, altitude_m),
+            Self::Waypoint { place, altitude_m, hold_s } => at(16, reference as u8, hold_s, place, altitude_m),
             Self::Speed { speed_mps } => {
                 MavlinkItem { command: 178, frame: NO_POSITION, params: [1.0, speed_mps, -1.0, 0.0, 0.0, 0.0, 0.0] }
             }

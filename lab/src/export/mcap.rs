@@ -7,6 +7,7 @@ use std::io::Cursor;
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use serde::Serialize;
+use skysink_common::battery::Battery;
 
 use super::format::{ExportFormat, WriteFormat};
 use super::ros2::{
@@ -62,6 +63,7 @@ const SLOT: LogTopic = LogTopic::new("/slot", "skysink_msgs/msg/Slot");
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let mut log = Log::new();
     let altitudes_m = track.altitudes_m();
+    let battery = Battery::of(&track.run.scenario);
     let poses = track.points.iter().zip(track.attitudes());
     let poses: Vec<RosPose> = poses.map(|(point, attitude)| RosPose::new(&point.position, &attitude)).collect();
     let stamped =
@@ -79,8 +81,8 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
         log.add(&TRANSFORM, sequence, time_s, &vec![transform]);
         log.add(&POSE, sequence, time_s, &stamped((point, &poses[index])));
         log.add(&FIX, sequence, time_s, &NavSatFix::new(header(UAV), point.place, altitudes_m[index]));
-        if let Some(level) = track.battery(point) {
-            log.add(&BATTERY, sequence, time_s, &RosBattery::new(header(UAV), level));
+        if let Some(battery) = &battery {
+            log.add(&BATTERY, sequence, time_s, &RosBattery::new(header(UAV), battery, point.slot));
         }
         if let Some(slot) = point.slot {
             log.add(&SLOT, sequence, time_s, &SlotFigures::of(slot));

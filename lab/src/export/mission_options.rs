@@ -50,7 +50,6 @@ pub struct VehicleMissionOptions {
 
 impl VehicleMissionOptions {
     /// The first option that was given; `None` without any.
-    #[must_use]
     pub fn given(&self) -> Option<&'static str> {
         let given = [
             (self.most_items.is_some(), "--most-items"),
@@ -67,19 +66,16 @@ impl VehicleMissionOptions {
     }
 
     /// The most items of a part, with home.
-    #[must_use]
     pub fn most_items(&self) -> usize {
         self.most_items.map_or(MOST_ITEMS, |most_items| most_items as usize)
     }
 
     /// The autopilot that the mission is for.
-    #[must_use]
     pub fn autopilot(&self) -> Autopilot {
         self.autopilot.unwrap_or(Autopilot::Px4)
     }
 
     /// How the vehicle of a scenario moves.
-    #[must_use]
     pub fn motion(&self, scenario: &Scenario) -> VehicleMotion {
         let acceleration_mps2 = self.acceleration.or(scenario.uav.acceleration_mps2);
         self.autopilot().motion().with(acceleration_mps2, self.jerk)

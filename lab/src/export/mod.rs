@@ -4,27 +4,27 @@
 //! converts the flight to latitude and longitude, [`vehicle`] to a vehicle mission: with waypoints of [`stops`],
 //! altitudes of [`altitude`] over the [`ground`], and an estimate of its time by [`duration`].
 
-pub mod altitude;
-pub mod autopilot;
+mod altitude;
+mod autopilot;
 mod csv;
-pub mod duration;
+mod duration;
 mod fence;
 mod format;
 mod geojson;
-pub mod ground;
-pub mod items;
+mod ground;
+mod items;
 mod mcap;
-pub mod mission_options;
+mod mission_options;
 mod parquet;
 mod qgc_plan;
 mod ros2;
 mod scene;
-pub mod stops;
+mod stops;
 mod summary;
 #[cfg(test)]
 mod tests;
-pub mod track;
-pub mod vehicle;
+mod track;
+mod vehicle;
 mod warnings;
 mod waypoints;
 
@@ -43,7 +43,8 @@ use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
 use autopilot::Autopilot;
-pub use format::{ExportFormat, ExportedMission, WriteFormat};
+pub use format::ExportFormat;
+use format::{ExportedMission, WriteFormat};
 use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
 use vehicle::MissionPart;

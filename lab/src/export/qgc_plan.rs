@@ -43,7 +43,7 @@ fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {
         "rallyPoints": { "version": 2, "points": [] },
         "mission": {
             "version": 2,
-            "firmwareType": options.autopilot().mav_autopilot(),
+            "firmwareType": options.autopilot() as u32,
             "vehicleType": 2, // MAV_TYPE_QUADROTOR
             "cruiseSpeed": speed_mps,
             "hoverSpeed": speed_mps,

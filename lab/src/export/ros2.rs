@@ -7,10 +7,10 @@ use std::collections::VecDeque;
 use cdr_encoding::to_vec;
 use nalgebra::{Point3, UnitQuaternion};
 use serde::Serialize;
+use skysink_common::battery::Battery;
 use skysink_common::geodata::projection::GeodeticPosition;
+use skysink_common::message::Mode;
 use skysink_mission::trace::RecordedSlot;
-
-use super::track::BatteryLevel;
 
 /// The fields of the messages, by type; a type is named with its package.
 const DEFINITIONS: &str = include_str!("ros2.msg");
@@ -115,13 +115,15 @@ pub struct RosBattery {
 }
 
 impl RosBattery {
-    /// The state of a battery with this level.
-    pub fn new(header: RosHeader, level: BatteryLevel) -> Self {
+    /// The state of a battery at the start or after `slot`.
+    pub fn new(header: RosHeader, battery: &Battery, slot: Option<&RecordedSlot>) -> Self {
+        let energy_j = slot.map_or(battery.initial_j, |slot| slot.energy_j);
+        let is_charging = slot.is_some_and(|slot| slot.mode == Mode::Charge);
         Self {
             header,
             not_measured: [f32::NAN; 6],
-            percentage: level.fraction as f32,
-            power_supply_status: if level.is_charging { 1 } else { 2 },
+            percentage: (energy_j / battery.capacity_j) as f32,
+            power_supply_status: if is_charging { 1 } else { 2 },
             present: true,
             ..Self::default()
         }

@@ -33,7 +33,6 @@ pub struct VehicleStop {
 
 impl VehicleStop {
     /// A waypoint on the way to another one, at `speed_mps` [m/s].
-    #[must_use]
     pub fn on_way(position: Point3<f64>, speed_mps: f64) -> Self {
         Self {
             position,
@@ -48,7 +47,6 @@ impl VehicleStop {
     }
 
     /// Whether it is one of the flight, and not on a way that the mission adds.
-    #[must_use]
     pub fn is_flown(&self) -> bool {
         self.slots > 0
     }
@@ -63,7 +61,6 @@ impl VehicleStop {
 
 /// The waypoints of a track. A slot is merged into the previous hold if the UAV stays within [`MERGE_M`]. It is merged
 /// into the previous leg if it continues straight on at the same speed and no sensor node is served in between.
-#[must_use]
 pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
     let scenario = &track.run.scenario;
     let mut stops: Vec<VehicleStop> = Vec::new();
@@ -113,14 +110,12 @@ pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
 }
 
 /// A speed [m/s] in whole millimetres per second, at least `LOWEST_MPS`.
-#[must_use]
 pub fn rounded(speed_mps: f64) -> f64 {
     ((speed_mps * 1e3).round() / 1e3).max(LOWEST_MPS)
 }
 
 /// The waypoints from which at least `min_bits` are uploaded, with the ways around zones where others are omitted
 /// between them. Such a way is flown at the highest speed of the legs that it replaces.
-#[must_use]
 pub fn with_bits(stops: &[VehicleStop], min_bits: u64, start: Point3<f64>, airspace: &Airspace) -> Vec<VehicleStop> {
     let mut kept: Vec<VehicleStop> = Vec::new();
     for legs in stops.split_inclusive(|stop| stop.bits >= min_bits) {

@@ -9,7 +9,6 @@ use super::vehicle::{MissionPart, VehicleMission};
 
 /// A line for each fact: what was merged and what omitted, home and altitudes, the time of each part, and the altitude
 /// of a return.
-#[must_use]
 pub fn lines(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &VehicleMission) -> Vec<String> {
     let omitted = (options.min_bits > 0).then(|| omitted(mission));
     let lines =

@@ -2,11 +2,9 @@
 
 use nalgebra::{Point3, UnitQuaternion};
 use skysink_common::airspace::Polygon;
-use skysink_common::battery::Battery;
 use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
-use skysink_common::message::Mode;
 use skysink_common::scenario::{Origin, Scenario};
 use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
@@ -35,35 +33,15 @@ pub struct TrackPoint<'a> {
 
 impl TrackPoint<'_> {
     /// The sensor nodes that are served from here.
-    #[must_use]
     pub fn served(&self) -> &[u32] {
         self.slot.map_or(&[], |slot| &slot.scheduled)
     }
-
-    /// The served sensor nodes, joined by spaces.
-    #[must_use]
-    pub fn served_text(&self) -> String {
-        self.served().iter().map(u32::to_string).collect::<Vec<_>>().join(" ")
-    }
-}
-
-/// What is left in a battery.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BatteryLevel {
-    /// Its energy [J].
-    pub energy_j: f64,
-    /// Its energy, as a fraction of the capacity.
-    pub fraction: f64,
-    /// Whether it has charged in the slot before.
-    pub is_charging: bool,
 }
 
 /// A finished mission in geodetic coordinates.
 #[derive(Debug)]
 pub struct GeodeticTrack<'a> {
-    /// The mission.
     pub run: &'a RecordedRun,
-    /// The number of the UAV.
     pub uav: usize,
     projection: Projection,
     /// The start, then the position after each slot.
@@ -89,9 +67,6 @@ pub struct GeodeticZone {
 
 impl<'a> GeodeticTrack<'a> {
     /// Converts the mission of the UAV number `uav` from the plane that is tangent to the Earth at the origin.
-    ///
-    /// # Errors
-    /// If the area is too large to project.
     pub fn new(run: &'a RecordedRun, uav: usize, origin: Origin) -> Result<Self, InputError> {
         let scenario = &run.scenario;
         let projection = Projection::at(origin);
@@ -114,16 +89,12 @@ impl<'a> GeodeticTrack<'a> {
     }
 
     /// A position of the plane on the ground.
-    ///
-    /// # Errors
-    /// If it is too far away to project.
     pub fn place(&self, position: &Position) -> Result<GeodeticPosition, InputError> {
         place(&self.projection, &self.run.scenario, position)
     }
 
     /// The attitude at each point in the frame of the area: level, the x axis in the direction of the last move, before
     /// the first move in that of the first.
-    #[must_use]
     pub fn attitudes(&self) -> Vec<UnitQuaternion<f64>> {
         let yaws = self.points.windows(2).map(|pair| {
             let step = pair[1].position.xy() - pair[0].position.xy();
@@ -140,35 +111,18 @@ impl<'a> GeodeticTrack<'a> {
 
     /// The altitude of each point [m]: above what `ground_m` of the sensor list is above, with the ground midway
     /// between its bounds, or above the ground below if the list does not tell it.
-    #[must_use]
     pub fn altitudes_m(&self) -> Vec<f64> {
         let ground = Ground::of(&self.run.list);
+        let midway_m = |ground: &Ground, at: &Position| f64::midpoint(ground.lowest_m(at), ground.highest_m(at));
         let ground_m =
-            |point: &TrackPoint<'_>| ground.as_ref().map_or(0.0, |ground| ground.midway_m(&point.position.xy()));
+            |point: &TrackPoint<'_>| ground.as_ref().map_or(0.0, |ground| midway_m(ground, &point.position.xy()));
         self.points.iter().map(|point| point.position.z + ground_m(point)).collect()
     }
 
-    /// The battery at a point; `None` without one.
-    #[must_use]
-    pub fn battery(&self, point: &TrackPoint<'_>) -> Option<BatteryLevel> {
-        let battery = Battery::of(&self.run.scenario)?;
-        let energy_j = point.slot.map_or(battery.initial_j, |slot| slot.energy_j);
-        let is_charging = point.slot.is_some_and(|slot| slot.mode == Mode::Charge);
-        Some(BatteryLevel { energy_j, fraction: energy_j / battery.capacity_j, is_charging })
-    }
-
     /// Bits that the UAV collects in the slot that ends at the point number `index`.
-    #[must_use]
     pub fn delivered_bits(&self, index: usize) -> u64 {
         let slot = index.checked_sub(1).and_then(|slot| self.run.uploads_bits.get(slot));
         slot.map_or(0, |slot| slot[self.uav].iter().sum())
-    }
-
-    /// Scenario, strategy and seed.
-    #[must_use]
-    pub fn name(&self) -> String {
-        let RecordedRun { scenario, strategy, .. } = self.run;
-        format!("{} {strategy} seed {}", scenario.name, scenario.seed)
     }
 
     /// The points from which sensor nodes are served, with the slot of each.

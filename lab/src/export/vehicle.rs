@@ -29,7 +29,6 @@ const ZONE_SLACK_M: f64 = 0.01;
 /// A mission of a vehicle.
 #[derive(Debug)]
 pub struct VehicleMission {
-    /// Its parts.
     pub parts: Vec<MissionPart>,
     /// What the altitudes of waypoints are above.
     pub reference: AltitudeReference,

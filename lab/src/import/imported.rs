@@ -71,8 +71,11 @@ const MOST_NAMED: usize = 10;
 
 /// The index of the property of `point` for a further column: the first of the column's `names` that is not empty.
 fn property(point: &FoundPoint, names: &[&str]) -> Option<usize> {
-    let called = |alias: &str| point.properties.iter().position(|(name, value)| is_for(name, value, alias));
-    names.iter().find_map(|alias| called(alias))
+    let is_given = |value: &str| !value.trim().is_empty();
+    let called = |alias: &&str| {
+        point.properties.iter().position(|(name, value)| name.to_lowercase() == **alias && is_given(value))
+    };
+    names.iter().find_map(called)
 }
 
 /// The value of the property of `point` at an index, without a line break.
@@ -84,19 +87,9 @@ fn is_number(value: &str) -> bool {
     value.parse().is_ok_and(f64::is_finite)
 }
 
-/// Whether a property has a value, and this name.
-fn is_for(name: &str, value: &str, alias: &str) -> bool {
-    name.to_lowercase() == alias && !value.trim().is_empty()
-}
-
 /// Whether a point is a sensor node of a file that `skysink export` wrote.
 fn is_own_node(point: &FoundPoint) -> bool {
     point.properties.iter().any(|(name, value)| name == KIND && value == "sensor node")
-}
-
-/// A point of such a file that is none.
-fn ignored_point() -> IgnoredItem {
-    IgnoredItem { kind: "point that is no sensor node", name: None }
 }
 
 impl Imported {
@@ -109,7 +102,8 @@ impl Imported {
         let FoundPoints { mut points, mut ignored, .. } = found;
         // Of what `skysink export` writes, only some points are sensor nodes.
         if points.iter().any(is_own_node) {
-            ignored.extend(points.extract_if(.., |point| !is_own_node(point)).map(|_| ignored_point()));
+            let others = points.extract_if(.., |point| !is_own_node(point));
+            ignored.extend(others.map(|_| IgnoredItem { kind: "point that is no sensor node", name: None }));
             points.iter_mut().for_each(|point| point.properties.retain(|(name, _)| name != KIND && name != "id"));
         }
         let has_ground = points.iter().any(|point| point.altitude_m.is_some_and(|altitude_m| altitude_m != 0.0));

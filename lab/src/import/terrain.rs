@@ -36,13 +36,13 @@ const KEYS: [&str; 8] =
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeightGrid {
     /// The south-west corner of all cells [m].
-    corner: Position,
+    pub corner: Position,
     /// Side of a cell [m].
-    cell_m: f64,
+    pub cell_m: f64,
     /// Cells to the east and to the north.
-    cells: [usize; 2],
+    pub cells: [usize; 2],
     /// Heights in the middle of the cells [m], by row from the south; NaN for none.
-    heights_m: Vec<f64>,
+    pub heights_m: Vec<f64>,
 }
 
 impl HeightGrid {
@@ -121,24 +121,6 @@ impl HeightGrid {
         Ok(Self { corner, cell_m, cells, heights_m })
     }
 
-    /// Side of a cell [m].
-    #[must_use]
-    pub fn cell_m(&self) -> f64 {
-        self.cell_m
-    }
-
-    /// Number of cells to the east and to the north.
-    #[must_use]
-    pub fn cells(&self) -> [usize; 2] {
-        self.cells
-    }
-
-    /// The south-west corner [m].
-    #[must_use]
-    pub fn corner(&self) -> Position {
-        self.corner
-    }
-
     /// The cells over the rectangle from the origin to `sides_m` [m] of an area whose coordinates are those of the grid
     /// and `shift` [m].
     ///
@@ -183,12 +165,6 @@ impl HeightGrid {
     /// A position in cells from the middle of the one in the south-west.
     fn in_cells(&self, at: &Position) -> [f64; 2] {
         [0, 1].map(|axis| (at[axis] - self.corner[axis]) / self.cell_m - 0.5)
-    }
-
-    /// The height of a cell, by row from the south [m].
-    #[must_use]
-    pub fn height_of(&self, cell: usize) -> f64 {
-        self.heights_m[cell]
     }
 
     fn cell(&self, column: usize, row: usize) -> f64 {

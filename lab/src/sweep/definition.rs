@@ -98,8 +98,7 @@ impl Definition {
 
     /// What this sweep has and `larger` has not; `None` if `larger` is this sweep, or this one with more seeds and with
     /// more strategies behind its own.
-    #[must_use]
-    pub fn lacking_in(&self, larger: &Self) -> Option<String> {
+    pub(crate) fn lacking_in(&self, larger: &Self) -> Option<String> {
         let is_changed = |(name, source): &(&String, &String)| larger.sources.get(*name) != Some(*source);
         if self.keys != larger.keys {
             Some(format!("axes {:?}", self.keys))

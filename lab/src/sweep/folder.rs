@@ -83,7 +83,8 @@ impl SweepRecord {
             add_builds(&mut self.manifest.builds, builds);
         }
         if self.manifest.definition != held.definition {
-            remove_outdated(self.folder.path())?;
+            let outdated = RESULTS.into_iter().chain([SWEEP, STANDINGS, RECORDING]);
+            remove(self.folder.path(), outdated)?;
         }
         if self.manifest == *held { Ok(()) } else { self.manifest.write(self.folder.path()) }
     }
@@ -124,9 +125,9 @@ impl SweepRecord {
     }
 }
 
-/// Removes the results of a sweep that is extended, and its sweep file.
-fn remove_outdated(folder: &Path) -> Result<(), LabError> {
-    for name in RESULTS.iter().chain(&[SWEEP, STANDINGS, RECORDING]) {
+/// Removes those of these files that are in a folder.
+fn remove(folder: &Path, names: impl Iterator<Item = &'static str>) -> Result<(), LabError> {
+    for name in names {
         let file = folder.join(name);
         match fs::remove_file(&file) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error).at(&file)?,
@@ -177,12 +178,7 @@ pub fn remove_comparison(path: &Path) -> Result<(), LabError> {
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
-    for name in RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING]).chain(SAVED) {
-        match fs::remove_file(path.join(name)) {
-            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error).at(&path.join(name))?,
-            _ => {}
-        }
-    }
+    remove(path, RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING]).chain(SAVED))?;
     Ok(folder.remove_results()?)
 }
 

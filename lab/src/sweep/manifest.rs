@@ -14,27 +14,15 @@ use super::definition::Definition;
 use super::shard::Shard;
 use crate::error::LabError;
 
-/// File name of the base scenario.
+// The names of the files.
 pub(crate) const SCENARIO: &str = "scenario.toml";
-
-/// File name of its sensor list.
 pub(crate) const SENSORS: &str = "sensors.csv";
-
-/// File name of the track of a fixed flight.
 pub(crate) const TRACK: &str = "track.csv";
-
-/// File name of a map of links in arrays.
-pub(crate) const ARRAYS: &str = "channel.npz";
-
-/// File name of the sweep as a sweep file.
+pub(crate) const ARRAYS: &str = "channel.npz"; // a map of links
 pub(crate) const SWEEP: &str = "sweep.toml";
-
-/// File name of the manifest.
 pub(crate) const MANIFEST: &str = "sweep.json";
-
 /// File name of the standings of a comparison.
 pub const STANDINGS: &str = "comparison.json";
-
 /// File name of its recording.
 pub const RECORDING: &str = "comparison.rrd";
 

@@ -16,7 +16,7 @@ use super::definition::{Definition, MissionKey};
 use super::journal::{MissionRow, MissionRows, SweepJournal, missions_of};
 use crate::error::LabError;
 use crate::metrics::Metric;
-use crate::parquet_file::{ParquetFile, ROWS_PER_GROUP};
+use crate::parquet_file::{ROWS_PER_GROUP, batch, begin};
 use crate::statistics::{Concentration, MeanInterval};
 
 /// The name of the minimum loss over all strategies, per field, in the summary.
@@ -45,7 +45,7 @@ fn write_missions(
     let definition = &journal.definition;
     let path = folder.join("results.parquet");
     let begun = BufWriter::new(write_unfinished(&path, b"").at(&path)?);
-    let mut parquet = ParquetFile::begin(begun, &mission_columns(definition, &[])).at(&path)?;
+    let mut parquet = begin(begun, &batch(mission_columns(definition, &[]))).at(&path)?;
     let mut csvs = Vec::new();
     for (name, metrics) in tables {
         let path = folder.join(name);
@@ -62,7 +62,7 @@ fn write_missions(
             let mut lines = read.iter().map(|row| mission_line(definition, row, metrics));
             lines.try_for_each(|line| csv.write_record(line)).map_err(io::Error::from).at(path)?;
         }
-        parquet.add(mission_columns(definition, &read)).at(&path)?;
+        parquet.write(&batch(mission_columns(definition, &read))).map_err(io::Error::other).at(&path)?;
         if read.len() < part {
             break;
         }
@@ -71,7 +71,7 @@ fn write_missions(
         let file = csv.into_inner().map_err(|error| error.into_error()).at(&path)?;
         file.persist(&path).map_err(io::Error::from).at(&path)?;
     }
-    let file = parquet.finish().and_then(|file| Ok(file.into_inner()?)).at(&path)?;
+    let file = parquet.into_inner().map_err(io::Error::other).and_then(|file| Ok(file.into_inner()?)).at(&path)?;
     file.persist(&path).map_err(io::Error::from).at(&path)?;
     Ok(())
 }
@@ -175,17 +175,23 @@ fn summary_csv(
 /// The means of η that few fields determine, by strategy and point; none for a single seed.
 #[must_use]
 pub fn few(SweepJournal { definition, rows, .. }: &SweepJournal) -> Vec<(String, Concentration)> {
-    let mut few = Vec::new();
-    for point in 0..definition.points.len() {
-        for (strategy, name) in definition.strategies.iter().enumerate() {
-            let losses = missions_of(rows, point, strategy).map(|row| row[Metric::LossRate]);
-            let concentration = Concentration::of(losses);
-            if concentration.is_few() {
-                few.push((named(definition, name, point), concentration));
-            }
-        }
-    }
-    few
+    let strategies = 0..definition.strategies.len();
+    let means =
+        (0..definition.points.len()).flat_map(|point| strategies.clone().map(move |strategy| (point, strategy)));
+    few_of(definition, rows, means)
+}
+
+/// Those of these means of η, by point and strategy, that few fields determine.
+pub(crate) fn few_of(
+    definition: &Definition,
+    rows: &MissionRows,
+    means: impl Iterator<Item = (usize, usize)>,
+) -> Vec<(String, Concentration)> {
+    let mean = |(point, strategy): (usize, usize)| {
+        let losses = missions_of(rows, point, strategy).map(|row| row[Metric::LossRate]);
+        (named(definition, &definition.strategies[strategy], point), Concentration::of(losses))
+    };
+    means.map(mean).filter(|(_, concentration)| concentration.is_few()).collect()
 }
 
 /// A strategy at a point, for messages: only keys that vary are named.

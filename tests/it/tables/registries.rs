@@ -121,9 +121,8 @@ pub fn figures() -> String {
 }
 
 /// Files with the warnings of `check`.
-const WARNING: [&str; 6] = [
+const WARNING: [&str; 5] = [
     "src/check/warnings.rs",
-    "src/check/fit.rs",
     "src/check/motion.rs",
     "src/check/energy.rs",
     "src/check/doubts.rs",

@@ -6,10 +6,10 @@ use std::time::Instant;
 use serde::Serialize;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
+use skysink_lab::sweep;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
-use skysink_lab::sweep::{self, SweepTask};
 use skysink_planner::strategies::uts;
 
 use crate::error::BenchError;
@@ -53,7 +53,6 @@ fn swept(threads: usize, effort: BenchEffort, stop: &Stop) -> Result<f64, BenchE
         SweepSettings { base, axes: toml::Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
     let plan = Sweep::new(Path::new("bench"), settings)?;
     let begin = Instant::now();
-    let task = SweepTask { out: &folder.path().join("sweep"), shard: Shard::WHOLE, threads };
-    let journal = sweep::sweep(&plan, task, stop, &|_| ())?;
+    let journal = sweep::sweep(&plan, &folder.path().join("sweep"), Shard::WHOLE, threads, stop, &|_| ())?;
     Ok((journal.count() as u64 * SLOTS) as f64 / begin.elapsed().as_secs_f64())
 }
