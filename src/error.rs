@@ -187,7 +187,6 @@ impl Error {
     }
 
     /// The exit code: 1 failure while running, 2 bad input or usage, 130 and 143 after a signal.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),

@@ -55,13 +55,11 @@ impl Airtime {
     }
 
     /// Whether SN `sensor` has no airtime in the next slot.
-    #[must_use]
     pub fn is_silent(&self, sensor: usize) -> bool {
         self.used_ns[sensor] >= self.granted_ns
     }
 
     /// Services that were refused so far.
-    #[must_use]
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -102,7 +100,6 @@ impl Airtime {
     }
 
     /// Bytes that [`Self::save`] takes at most.
-    #[must_use]
     pub fn most_bytes(&self) -> usize {
         self.most.saturating_mul(25).saturating_add(20)
     }

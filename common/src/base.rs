@@ -51,7 +51,6 @@ pub struct Charger {
 
 impl Charger {
     /// Whether it gives energy.
-    #[must_use]
     pub fn charges(&self) -> bool {
         self.charge_w > 0.0 || self.swap_slots.is_some()
     }
@@ -92,7 +91,6 @@ impl BaseArea {
 
 impl Base {
     /// The sites of several bases; none of a single one.
-    #[must_use]
     pub fn sites(&self) -> &[BaseSite] {
         if let Self::Sites(sites) = self { sites } else { &[] }
     }
@@ -104,14 +102,12 @@ impl Base {
     }
 
     /// The number of the site of `ground` [m]; `None` outside of them, and in a single base.
-    #[must_use]
     pub fn site_at(&self, ground: &Position) -> Option<usize> {
         self.sites().iter().position(|site| site.shape.contains(ground))
     }
 
     /// The charger of the site of `ground` [m]; `None` outside of them, and in a single base, whose charger is that of
     /// the battery.
-    #[must_use]
     pub fn charger_at(&self, ground: &Position) -> Option<&Charger> {
         Some(&self.sites()[self.site_at(ground)?].charger)
     }
@@ -139,7 +135,6 @@ impl Base {
     }
 
     /// How far a UAV may end beside any of the [places](Self::places) and still be in the base [m].
-    #[must_use]
     pub fn depth_m(&self) -> f64 {
         match self {
             Self::Disk { radius_m, .. } => *radius_m,
@@ -149,7 +144,6 @@ impl Base {
     }
 
     /// Distance of `ground` from its rim [m]; 0 or below within.
-    #[must_use]
     pub fn away_m(&self, ground: &Position) -> f64 {
         match self {
             Self::Disk { centre, radius_m } => (ground - centre).norm() - radius_m,
@@ -159,7 +153,6 @@ impl Base {
     }
 
     /// Whether a UAV at `ground` [m] may land and charge.
-    #[must_use]
     pub fn contains(&self, ground: &Position) -> bool {
         match self {
             Self::Disk { centre, radius_m } => within(ground, centre, *radius_m),
@@ -171,7 +164,6 @@ impl Base {
     }
 
     /// Whether a point lies in both, of which each is a disk or a polygon.
-    #[must_use]
     pub fn overlaps(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Disk { centre, radius_m }, other) | (other, Self::Disk { centre, radius_m }) => {
@@ -189,7 +181,6 @@ impl Base {
     }
 
     /// The point of the base that is nearest to `ground` [m].
-    #[must_use]
     pub fn nearest(&self, ground: &Position) -> Position {
         if self.contains(ground) {
             return *ground;

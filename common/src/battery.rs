@@ -82,13 +82,11 @@ impl Battery {
     }
 
     /// Energy [J] of a slot over the horizontal distance `distance_m` [m].
-    #[must_use]
     pub fn slot_j(&self, distance_m: f64) -> f64 {
         self.leg_j(self.slot_s, distance_m, 0.0)
     }
 
     /// Energy [J] of a flight of `duration_s` [s] over the horizontal distance `distance_m` with the climb `climb_m` [m].
-    #[must_use]
     pub fn leg_j(&self, duration_s: f64, distance_m: f64, climb_m: f64) -> f64 {
         let speed_mps = if duration_s > 0.0 { distance_m / duration_s } else { 0.0 };
         duration_s * power_w(&self.aircraft, speed_mps) + self.climb_j(climb_m)
@@ -99,19 +97,16 @@ impl Battery {
     }
 
     /// Energy [J] after a slot that begins with `energy_j` at `from` and ends at `to` [m].
-    #[must_use]
     pub fn flown_j(&self, energy_j: f64, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         energy_j - self.slot_j((to.xy() - from.xy()).norm()) - self.climb_j(to.z - from.z)
     }
 
     /// Energy [J] after a slot in the base that begins with `energy_j` (decision D11).
-    #[must_use]
     pub fn charged_j(&self, energy_j: f64) -> f64 {
         self.charged_for_j(energy_j, 1.0)
     }
 
     /// Energy [J] after the first `slots` slots of a stay in the base.
-    #[must_use]
     pub fn charged_for_j(&self, energy_j: f64, slots: f64) -> f64 {
         if let Some(swap_slots) = self.swap_slots {
             return if slots >= swap_slots as f64 { self.capacity_j.max(energy_j) } else { energy_j };
@@ -120,19 +115,16 @@ impl Battery {
     }
 
     /// Whether a base charges it.
-    #[must_use]
     pub fn is_charged(&self) -> bool {
         self.charge_w > 0.0 || self.swap_slots.is_some()
     }
 
     /// Whether it is swapped, after a number of slots, instead of charged.
-    #[must_use]
     pub fn is_swapped(&self) -> bool {
         self.swap_slots.is_some()
     }
 
     /// Distance of a slot [m] at the speed of least energy per metre, at most `reach_m`.
-    #[must_use]
     pub fn thrifty_m(&self, reach_m: f64) -> f64 {
         farthest_mps(&self.aircraft, reach_m / self.slot_s) * self.slot_s
     }

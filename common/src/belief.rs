@@ -50,14 +50,12 @@ impl Belief {
     }
 
     /// Whether the queues are estimated.
-    #[must_use]
     pub fn is_estimated(&self) -> bool {
         self.estimate().is_some()
     }
 
     /// The queues that the SNs `ids` report if they are served in `slot`, of the queues `queues_bits` [bit] before it,
     /// by id; nothing if they are known.
-    #[must_use]
     pub fn reported(&self, slot: u64, ids: impl IntoIterator<Item = u32>, queues_bits: &[u32]) -> ReportedQueues {
         self.estimate().map_or_else(ReportedQueues::default, |_| ReportedQueues::at(slot, ids, queues_bits))
     }
@@ -75,19 +73,16 @@ impl Belief {
 
     /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues are
     /// known, or otherwise a contact.
-    #[must_use]
     pub fn is_dead(&self, told_bits: u32, id: u32) -> bool {
         self.estimate().map_or(told_bits == DEAD, |estimate| estimate.is_dead(id))
     }
 
     /// Whether SN `id`, told as `told_bits`, is known to be dead, or without airtime: UAVs know what each has sent.
-    #[must_use]
     pub fn is_out(&self, told_bits: u32, id: u32) -> bool {
         told_bits != DEAD && is_out(told_bits) || self.is_dead(told_bits, id)
     }
 
     /// Whether the rates are learnt.
-    #[must_use]
     pub fn has_learnt_rates(&self) -> bool {
         self.learnt().is_some()
     }
@@ -98,7 +93,6 @@ impl Belief {
     }
 
     /// The SNs `nodes` as the UAV knows them: with the learnt rates instead of the true ones, if it has to learn them.
-    #[must_use]
     pub fn known_nodes(&self, mut nodes: Vec<SensorNode>, slot_s: f64) -> Vec<SensorNode> {
         let learnt_bps = self.learnt_bps(slot_s).into_iter().flatten();
         nodes.iter_mut().zip(learnt_bps).for_each(|(node, learnt_bps)| node.sampling_bps = learnt_bps);
@@ -106,7 +100,6 @@ impl Belief {
     }
 
     /// The `sensors` with the rates that the UAV has learnt instead of the true ones; unchanged if it has learnt none.
-    #[must_use]
     pub fn known_sensors(&self, sensors: Arc<Sensors>) -> Arc<Sensors> {
         let Some(estimate) = self.learnt() else { return sensors };
         let sampling = sensors.sampling.with_means(estimate.means_bits().collect());
@@ -115,7 +108,6 @@ impl Belief {
 
     /// Bits that SN `id` of `sensors` samples per slot.
     #[inline]
-    #[must_use]
     pub fn mean_bits(&self, sensors: &Sensors, id: u32) -> f64 {
         match self {
             Self::Known => sensors.sampler(id).mean_bits,
@@ -131,7 +123,6 @@ impl Belief {
     }
 
     /// The queues [bit] by id: as of the last [`Self::predict`], or `queues_bits` if they are known.
-    #[must_use]
     pub fn queues_bits<'a>(&'a self, queues_bits: &'a [u32]) -> &'a [u32] {
         match self {
             Self::Known => queues_bits,
@@ -147,13 +138,11 @@ impl Belief {
     }
 
     /// What is believed at the end of `slot`, the one of the last [`Self::predict`].
-    #[must_use]
     pub fn predicted<'a>(&'a self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
         Believed { slot, sensors, queues_bits: self.queues_bits(queues_bits), belief: self }
     }
 
     /// The state for a checkpoint; `None` if the queues are known.
-    #[must_use]
     pub fn saved(&self) -> Option<SavedEstimate> {
         self.estimate().map(Estimate::saved)
     }
@@ -191,7 +180,6 @@ impl<'a> Believed<'a> {
 
     /// Bits that SN `id` samples per slot.
     #[inline]
-    #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
         self.belief.mean_bits(self.sensors, id)
     }
@@ -199,7 +187,6 @@ impl<'a> Believed<'a> {
     /// Slots until SN `id` overflows, or its bits expire: the room for what it stores divided by its bits per slot;
     /// `None` if it does not sample.
     #[inline]
-    #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
         let sampler = self.sensors.sampler(id);
         let room_bits = f64::from(sampler.stored_bits()) - f64::from(self.queues_bits[id as usize]);
@@ -211,20 +198,17 @@ impl<'a> Believed<'a> {
     }
 
     /// How uncertain the queue and the rate of SN `id` are.
-    #[must_use]
     pub fn uncertainty(&self, id: u32) -> Uncertainty {
         let known = || Uncertainty::none(self.queues_bits[id as usize]);
         self.belief.estimate().map_or_else(known, |estimate| estimate.uncertainty(self.slot, id))
     }
 
     /// Standard deviation of the queue of SN `id` [bit]; 0 if it is known.
-    #[must_use]
     pub fn queue_sd_bits(&self, id: u32) -> f64 {
         self.uncertainty(id).queue_sd_bits(self.sensors.sampler(id).capacity_bits)
     }
 
     /// Standard deviation of the bits that SN `id` samples per slot, as the UAV knows its rate; 0 if it is known.
-    #[must_use]
     pub fn mean_sd_bits(&self, id: u32) -> f64 {
         uniform_sd(self.uncertainty(id).rate * self.mean_bits(id))
     }

@@ -60,7 +60,6 @@ impl Cohorts {
     }
 
     /// Bits that have expired so far.
-    #[must_use]
     pub fn expired_bits(&self) -> u64 {
         self.expired_bits
     }
@@ -69,13 +68,11 @@ impl Cohorts {
     ///
     /// # Panics
     /// If the SN is unknown.
-    #[must_use]
     pub fn freshest_slot(&self, sensor: usize) -> u64 {
         self.freshest[sensor].into()
     }
 
     /// Bytes that [`Checkpoint::save`] takes at most for each SN.
-    #[must_use]
     pub fn bytes_per_sensor(&self) -> usize {
         size_of::<u32>() * (self.bits.len() / self.count.max(1) + 1)
     }

@@ -87,7 +87,6 @@ impl Uncertainty {
 
     /// Standard deviation of the queue in a buffer of `capacity_bits` [bit]: the unbounded queue is taken as uniform,
     /// with the variances of its initial queue, its rate and its arrivals, and capped at 0 and the buffer.
-    #[must_use]
     pub fn queue_sd_bits(&self, capacity_bits: u32) -> f64 {
         let half_bits =
             self.initial_bits.hypot(self.rate * self.since_contact_bits).hypot(3f64.sqrt() * self.arrivals_bits);
@@ -278,19 +277,16 @@ impl Estimate {
     }
 
     /// Whether rates are learnt.
-    #[must_use]
     pub fn has_learnt_rates(&self) -> bool {
         self.rates == Rates::Learnt
     }
 
     /// Whether SN `id` was dead at the last contact.
-    #[must_use]
     pub fn is_dead(&self, id: u32) -> bool {
         self.sensors[id as usize].is_dead()
     }
 
     /// Estimate of the bits that SN `id` samples per slot.
-    #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
         self.sensors[id as usize].mean_bits()
     }
@@ -301,7 +297,6 @@ impl Estimate {
     }
 
     /// Uncertainty of the estimate of SN `id` at the end of `slot`.
-    #[must_use]
     pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {
         let sensor = &self.sensors[id as usize];
         let rate = match sensor.contact.learnt {
@@ -332,7 +327,6 @@ impl Estimate {
     }
 
     /// The result of the last [`Estimate::predict`].
-    #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         &self.queues_bits
     }

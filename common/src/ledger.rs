@@ -43,7 +43,6 @@ pub struct Totals {
 
 impl Totals {
     /// Whether every bit is accounted for.
-    #[must_use]
     pub fn is_balanced(&self) -> bool {
         let sum = |bits: [u64; 3]| bits.into_iter().map(u128::from).sum::<u128>(); // received totals may be any numbers
         sum([self.initial_bits, self.sampled_bits, 0]) == sum([self.delivered_bits, self.lost_bits, self.queued_bits])
@@ -112,7 +111,6 @@ impl Ledger {
     }
 
     /// The batteries of the SNs, if they have some.
-    #[must_use]
     pub fn charges(&self) -> Option<&Charges> {
         self.charges.as_ref().map(|(charges, _)| charges)
     }
@@ -124,13 +122,11 @@ impl Ledger {
     }
 
     /// The airtime of the SNs, if they have a duty cycle.
-    #[must_use]
     pub fn airtime(&self) -> Option<&Airtime> {
         self.airtime.as_ref()
     }
 
     /// Whether SN `sensor`, which a UAV served in the last slot, was neither dead nor without airtime.
-    #[must_use]
     pub fn has_answered(&self, sensor: u32) -> bool {
         !self.unanswered.contains(&sensor)
     }
@@ -184,13 +180,11 @@ impl Ledger {
     }
 
     /// Queue lengths [bit], by id.
-    #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.queues.bits()
     }
 
     /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs, and [`SILENT`] more of those without airtime.
-    #[must_use]
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         let queues_bits = self.queues_bits();
         if !self.may_refuse() {
@@ -203,7 +197,6 @@ impl Ledger {
     ///
     /// # Panics
     /// If the SN is unknown.
-    #[must_use]
     pub fn told_bits_of(&self, sensor: usize) -> u32 {
         let queue_bits = self.queues_bits()[sensor];
         match &self.airtime {
@@ -214,7 +207,6 @@ impl Ledger {
     }
 
     /// Whether SNs may be dead or without airtime.
-    #[must_use]
     pub fn may_refuse(&self) -> bool {
         self.charges.is_some() || self.airtime.is_some()
     }
@@ -225,31 +217,26 @@ impl Ledger {
     }
 
     /// The queued bits by slot of sampling, where they expire.
-    #[must_use]
     pub fn cohorts(&self) -> Option<&Cohorts> {
         self.queues.cohorts()
     }
 
     /// Bits that have expired so far; they count as lost.
-    #[must_use]
     pub fn expired_bits(&self) -> u64 {
         self.cohorts().map_or(0, Cohorts::expired_bits)
     }
 
     /// The sampling that fills the queues.
-    #[must_use]
     pub fn sampling(&self) -> &Sampling {
         &self.sampling
     }
 
     /// Bits uploaded so far, by id.
-    #[must_use]
     pub fn delivered_bits(&self) -> &[u64] {
         &self.delivered_bits
     }
 
     /// Bits sampled so far, by id, if arrivals are drawn, for a checkpoint.
-    #[must_use]
     pub fn drawn_bits(&self) -> Option<&[u64]> {
         self.drawn_bits.as_deref()
     }
@@ -258,7 +245,6 @@ impl Ledger {
     ///
     /// # Panics
     /// If the SN is unknown.
-    #[must_use]
     pub fn sampled_bits(&self, sensor: usize, slot: u64) -> u64 {
         match &self.drawn_bits {
             Some(drawn_bits) => drawn_bits[sensor],
@@ -290,7 +276,6 @@ impl Ledger {
     }
 
     /// The field's totals.
-    #[must_use]
     pub fn totals(&self) -> Totals {
         let lost_slots = match self.sampling.mean_bits {
             PerSensor::Equal(mean_bits) => self.totals.lost_bits as f64 / sampling_bits(mean_bits),

@@ -73,14 +73,12 @@ impl Limits {
     }
 
     /// The area that the UAV must not leave.
-    #[must_use]
     pub fn area(&self) -> Area {
         Area::new(self.width_m, self.height_m)
     }
 
     /// Resource blocks `n`, as a count.
     #[inline]
-    #[must_use]
     pub fn blocks(&self) -> usize {
         self.resource_blocks as usize
     }

@@ -198,7 +198,6 @@ impl Plan {
     }
 
     /// Waypoint at the end of the slot [m].
-    #[must_use]
     pub fn waypoint(&self) -> Point3<f64> {
         Point3::new(self.x_m, self.y_m, self.z_m)
     }
@@ -227,7 +226,6 @@ impl Plan {
     }
 
     /// The scheduled sensor nodes, at most [`MAX_SERVED`] for any `served`.
-    #[must_use]
     pub fn scheduled(&self) -> &[u32] {
         &self.ids[..(self.served as usize).min(MAX_SERVED)]
     }
@@ -312,7 +310,6 @@ pub struct FlightReport {
 
 impl FlightReport {
     /// Slots that a swap of the battery has taken so far (decision D34); 0 outside of one.
-    #[must_use]
     pub fn swapped_slots(&self) -> u64 {
         if self.flown_mode() == Mode::Charge { self.links[0].capacity_bits } else { 0 }
     }
@@ -325,7 +322,6 @@ impl FlightReport {
     }
 
     /// Whether it has waited for a pad.
-    #[must_use]
     pub fn awaits_pad(&self) -> bool {
         self.hold == HoldReason::Pad as u32
     }
@@ -346,20 +342,17 @@ impl FlightReport {
     }
 
     /// The served links, at most [`MAX_SERVED`] for any `served`.
-    #[must_use]
     pub fn served_links(&self) -> &[LinkReport] {
         &self.links[..(self.served as usize).min(MAX_SERVED)]
     }
 
     /// Whether it serves SN `sensor`.
-    #[must_use]
     pub fn serves(&self, sensor: u32) -> bool {
         self.served_links().iter().any(|link| link.sensor == sensor)
     }
 
     /// The mode flown. [`Mode::Serve`] and [`Mode::Fly`] follow from what was served, whichever of the two a foreign
     /// flight-sim has reported.
-    #[must_use]
     pub fn flown_mode(&self) -> Mode {
         match Mode::from_repr(self.mode).unwrap_or_default() {
             Mode::Serve | Mode::Fly if self.served > 0 => Mode::Serve,
@@ -369,7 +362,6 @@ impl FlightReport {
     }
 
     /// Position of the UAV at the end of the slot, `L_u(t)` [m].
-    #[must_use]
     pub fn position(&self) -> Point3<f64> {
         Point3::new(self.x_m, self.y_m, self.z_m)
     }

@@ -189,7 +189,6 @@ impl Charges {
     }
 
     /// What is left, by id [nJ]; 0 in a dead SN.
-    #[must_use]
     pub fn charges_nj(&self) -> &[u64] {
         &self.charge_nj
     }
@@ -200,13 +199,11 @@ impl Charges {
     }
 
     /// The sums since the mission's start.
-    #[must_use]
     pub fn totals(&self) -> NodeEnergyTotals {
         self.totals
     }
 
     /// Whether all energy is accounted for.
-    #[must_use]
     pub fn is_balanced(&self) -> bool {
         let NodeEnergyTotals { initial_nj, harvested_nj, used_nj, spilled_nj, .. } = self.totals;
         let given_nj = initial_nj.checked_add(harvested_nj);
@@ -215,7 +212,6 @@ impl Charges {
     }
 
     /// What the mission came to by now.
-    #[must_use]
     pub fn summed_up(&self, delivered_bits: u64) -> NodeEnergyUse {
         let at_s = |slot: Option<u64>| slot.map(|slot| slot as f64 * self.slot_s);
         NodeEnergyUse {

@@ -34,7 +34,6 @@ impl<T: Copy + PartialEq> PerSensor<T> {
     /// # Panics
     /// If the values differ, and the SN is unknown.
     #[inline]
-    #[must_use]
     pub fn of(&self, sensor: usize) -> T {
         match self {
             Self::Equal(value) => *value,

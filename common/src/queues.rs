@@ -45,14 +45,12 @@ impl Queues {
     }
 
     /// The bits by slot of sampling, where they expire.
-    #[must_use]
     pub fn cohorts(&self) -> Option<&Cohorts> {
         self.cohorts.as_ref()
     }
 
     /// Queue lengths [bit], by id.
     #[inline]
-    #[must_use]
     pub fn bits(&self) -> &[u32] {
         &self.bits
     }

@@ -64,7 +64,6 @@ impl Streams {
     }
 
     /// The stream for `purpose` in `slot` (0 before the first) of `sensor` (0 if there is none), from its start.
-    #[must_use]
     pub fn stream(&self, purpose: Purpose, slot: u64, sensor: u32) -> ChaCha8Rng {
         let mut key = [0; 32];
         let words = [self.seed, purpose as u64, slot, u64::from(sensor)];

@@ -25,7 +25,6 @@ impl ReportedQueues {
     }
 
     /// The queue of SN `id` at the beginning of `slot` [bit], if it was reported.
-    #[must_use]
     pub fn queue_bits(&self, slot: u64, id: u32) -> Option<u32> {
         let &(_, queue_bits) = self.queues.iter().find(|(reporting, _)| *reporting == id)?;
         (self.slot == slot).then_some(queue_bits)

@@ -20,20 +20,17 @@ pub struct Sampler {
 
 impl Sampler {
     /// Slots in which its empty buffer fills, `B / (s_i τ)`; infinite or NaN for one that does not sample.
-    #[must_use]
     pub fn fill_slots(&self) -> f64 {
         f64::from(self.capacity_bits) / self.mean_bits
     }
 
     /// Slots after which it loses what it samples, left empty: its buffer is full, or its oldest bits expire,
     /// `C = min(B/(s_i τ), D + 1)`.
-    #[must_use]
     pub fn lossless_slots(&self) -> f64 {
         self.fill_slots().min(self.lasting_slots)
     }
 
     /// Most bits that it stores between two services [bit]: its buffer, or what it samples before they expire.
-    #[must_use]
     pub fn stored_bits(&self) -> u32 {
         let expires = self.mean_bits > 0.0 && self.lasting_slots < self.fill_slots();
         if expires { (self.mean_bits * self.lasting_slots).ceil() as u32 } else { self.capacity_bits }
@@ -65,7 +62,6 @@ impl Sampling {
     }
 
     /// The sampling with these means [bit], by id, and the same buffers.
-    #[must_use]
     pub fn with_means(&self, mean_bits: Vec<f64>) -> Self {
         Self::of_buffers(mean_bits, self.capacity_bits.clone()).with_expiry(self.expiry)
     }
@@ -88,14 +84,12 @@ impl Sampling {
     }
 
     /// Whether the arrivals are drawn; otherwise they are constant, and counted by [`crate::arrivals::sampled_bits`].
-    #[must_use]
     pub fn is_drawn(&self) -> bool {
         self.arrivals.is_some()
     }
 
     /// The sampling of SN `sensor`.
     #[inline]
-    #[must_use]
     pub fn of(&self, sensor: usize) -> Sampler {
         Sampler {
             mean_bits: self.mean_bits.of(sensor),
@@ -105,14 +99,12 @@ impl Sampling {
     }
 
     /// The highest mean of an SN [bit per slot].
-    #[must_use]
     pub fn highest_mean_bits(&self) -> f64 {
         self.highest_mean_bits
     }
 
     /// Bits sampled by SN `sensor` in `slot`, from 1.
     #[inline]
-    #[must_use]
     pub fn bits(&self, sensor: usize, slot: u64) -> u64 {
         let mean_bits = self.mean_bits.of(sensor);
         match &self.arrivals {
@@ -131,7 +123,6 @@ impl Sampling {
 
     /// Bits sampled by SN `sensor` up to the end of `slot`. Takes time by the slot if arrivals are drawn.
     #[inline]
-    #[must_use]
     pub fn sampled_bits(&self, sensor: usize, slot: u64) -> u64 {
         match self.arrivals {
             None => sampled_bits(self.mean_bits.of(sensor), slot),
@@ -141,7 +132,6 @@ impl Sampling {
 
     /// Bits that SN `sensor` samples up to the end of `slot`, from an earlier `counted` slot and the bits up to its
     /// end. Takes time by the slots between.
-    #[must_use]
     pub fn counted_bits(&self, sensor: usize, counted: [u64; 2], slot: u64) -> u64 {
         let [from, before_bits] = counted;
         match self.arrivals {
@@ -155,7 +145,6 @@ impl Sampling {
     ///
     /// # Panics
     /// If the bit is not among them.
-    #[must_use]
     pub fn slot_of_bit(&self, sensor: usize, bit: u64, counted: [u64; 2]) -> u64 {
         let [mut slot, mut sampled_bits] = counted;
         if self.arrivals.is_none() {
@@ -173,7 +162,6 @@ impl Sampling {
 
     /// Bits that SN `sensor` loses in `slot`, from 1, if its queue before it was `queue_bits` [bit].
     #[inline]
-    #[must_use]
     pub fn overflow_bits(&self, sensor: usize, queue_bits: u32, slot: u64) -> u64 {
         (u64::from(queue_bits) + self.bits(sensor, slot)).saturating_sub(self.capacity_bits.of(sensor).into())
     }

@@ -82,26 +82,22 @@ pub struct Overrides {
 /// ```
 impl Scenario {
     /// Whether SNs may be told as dead or silent: they have batteries or a duty cycle (decision D33).
-    #[must_use]
     pub fn may_refuse(&self) -> bool {
         self.sensors.energy.is_some() || self.link.duty_cycle.is_some()
     }
 
     /// Whether a loss rate counts initial queues as sampled: bits expire or SNs die, so that these may be lost, too
     /// (decisions D33 and D36).
-    #[must_use]
     pub fn counts_initial(&self) -> bool {
         self.sensors.energy.is_some() || self.expiry().is_some()
     }
 
     /// The slots that an SN may wait for a service, by `sensors.deadline_s` (decision D36).
-    #[must_use]
     pub fn deadline_slots(&self) -> Option<u64> {
         self.sensors.deadline_s.map(|deadline_s| self.whole_slots(deadline_s))
     }
 
     /// How long bits are stored, by `sensors.expiry_s` (decision D36); `None` if none expires in the mission.
-    #[must_use]
     pub fn expiry(&self) -> Option<Expiry> {
         let slots = self.whole_slots(self.sensors.expiry_s?);
         (slots < self.slots).then(|| Expiry { slots, overflow: self.sensors.overflow.unwrap_or_default() })

@@ -79,7 +79,6 @@ impl Sensors {
     ///
     /// # Panics
     /// If an SN is unknown.
-    #[must_use]
     pub fn subset(&self, ids: &[u32], grid: impl FnOnce(&[Position]) -> Grid) -> Self {
         let positions: Vec<Position> = ids.iter().map(|&id| *self.position(id)).collect();
         let samplers: Vec<Sampler> = ids.iter().map(|&id| self.sampler(id)).collect();
@@ -99,7 +98,6 @@ impl Sensors {
     }
 
     /// Number of SNs.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.positions.len()
     }
@@ -108,7 +106,6 @@ impl Sensors {
     ///
     /// # Panics
     /// If there are more SNs than ids; a scenario has at most 10^7 SNs.
-    #[must_use]
     pub fn ids(&self) -> Range<u32> {
         0..u32::try_from(self.count()).expect("a scenario has at most 10^7 sensor nodes")
     }
@@ -118,7 +115,6 @@ impl Sensors {
     /// # Panics
     /// If the SN is unknown.
     #[inline]
-    #[must_use]
     pub fn position(&self, id: u32) -> &Position {
         &self.positions[id as usize]
     }
@@ -128,7 +124,6 @@ impl Sensors {
     /// # Panics
     /// As [`Sampling`].
     #[inline]
-    #[must_use]
     pub fn sampler(&self, id: u32) -> Sampler {
         self.sampling.of(id as usize)
     }

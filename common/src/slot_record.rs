@@ -96,7 +96,6 @@ impl SlotRecord {
     }
 
     /// The slot, from 1.
-    #[must_use]
     pub fn slot(&self) -> u64 {
         self.header.head.slot
     }

@@ -14,13 +14,11 @@ pub struct Stopped(pub i32);
 
 impl Stop {
     /// The signal number, to be set by a signal handler or a caller; 0 without a request.
-    #[must_use]
     pub fn flag(&self) -> Arc<AtomicUsize> {
         Arc::clone(&self.0)
     }
 
     /// The signal that requested the stop, if one has.
-    #[must_use]
     pub fn requested(&self) -> Option<i32> {
         i32::try_from(self.0.load(Ordering::Relaxed)).ok().filter(|&signal| signal != 0)
     }

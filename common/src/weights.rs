@@ -38,7 +38,6 @@ impl Weights {
     }
 
     /// The weights of the SNs `ids`, which get the ids 0, 1, … in that order; values and factors stay the same.
-    #[must_use]
     pub fn subset(&self, ids: &[u32]) -> Self {
         let weights = match &self.weights {
             PerSensor::Equal(weight) => PerSensor::Equal(*weight),
@@ -48,14 +47,12 @@ impl Weights {
     }
 
     /// Whether all SNs have the same weight.
-    #[must_use]
     pub fn are_equal(&self) -> bool {
         matches!(self.weights, PerSensor::Equal(_))
     }
 
     /// The weight of SN `id`, `w_i`.
     #[inline]
-    #[must_use]
     pub fn of(&self, id: usize) -> f64 {
         self.weights.of(id)
     }
@@ -63,7 +60,6 @@ impl Weights {
     /// The factor by which a loss of SN `id` counts where losses are compared: 1 where all weights are equal, whatever
     /// they are.
     #[inline]
-    #[must_use]
     pub fn factor(&self, id: usize) -> f64 {
         match &self.weights {
             PerSensor::Equal(_) => 1.0,
@@ -73,7 +69,6 @@ impl Weights {
 
     /// The value of `queue_bits` [bit] of SN `id`.
     #[inline]
-    #[must_use]
     pub fn value(&self, id: u32, queue_bits: u32) -> u32 {
         match &self.weights {
             PerSensor::Equal(_) => queue_bits,
@@ -86,7 +81,6 @@ impl Weights {
     /// The values of the queues `queues_bits` [bit], by id; `room` is memory for them. Takes O(N) where weights differ,
     /// and no time where they are equal.
     #[inline]
-    #[must_use]
     pub fn values<'a>(&self, queues_bits: &'a [u32], room: &'a mut Vec<u32>) -> &'a [u32] {
         if self.are_equal() {
             return queues_bits;

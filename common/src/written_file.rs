@@ -84,7 +84,6 @@ impl ExpectedFile {
     }
 
     /// The path.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -143,13 +142,11 @@ impl WrittenFile {
     }
 
     /// The path.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.expected.path
     }
 
     /// Length of what is known or was written [byte].
-    #[must_use]
     pub fn length(&self) -> u64 {
         self.expected.length
     }

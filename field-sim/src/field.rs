@@ -72,13 +72,11 @@ impl Field {
     }
 
     /// What the UAV believes after the slot.
-    #[must_use]
     pub fn belief(&self) -> &Belief {
         &self.belief
     }
 
     /// The queues after the slot as the UAV believes them to be [bit], by sensor node.
-    #[must_use]
     pub fn believed_bits(&self) -> &[u32] {
         self.belief.queues_bits(self.queues_bits())
     }
@@ -147,20 +145,17 @@ impl Field {
     }
 
     /// The last slot; 0 before the first.
-    #[must_use]
     pub fn slot(&self) -> u64 {
         self.slot
     }
 
     /// Queue lengths [bit], by sensor node.
-    #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.ledger.queues_bits()
     }
 
     /// The queues after the slot as the UAV believes them to be [bit], by sensor node: [`DEAD`] of those that it knows to be
     /// dead, and [`SILENT`] more of those without airtime.
-    #[must_use]
     pub fn told_belief(&self) -> Cow<'_, [u32]> {
         if !self.ledger.may_refuse() {
             return Cow::Borrowed(self.believed_bits());
@@ -174,14 +169,12 @@ impl Field {
     }
 
     /// Whether the UAV knows that the sensor node `sensor` is dead or without airtime.
-    #[must_use]
     pub fn is_out(&self, sensor: u32) -> bool {
         self.ledger.may_refuse() && self.belief.is_out(self.ledger.told_bits_of(sensor as usize), sensor)
     }
 
     /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be dead or
     /// without airtime.
-    #[must_use]
     pub fn servable_bits(&self) -> Cow<'_, [u32]> {
         let mut told_bits = self.told_belief();
         if self.ledger.may_refuse() {
@@ -192,13 +185,11 @@ impl Field {
 
     /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones, [`SILENT`] more of those without
     /// airtime.
-    #[must_use]
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         self.ledger.told_bits()
     }
 
     /// Bits uploaded so far, by sensor node.
-    #[must_use]
     pub fn delivered_bits(&self) -> &[u64] {
         self.ledger.delivered_bits()
     }
@@ -207,7 +198,6 @@ impl Field {
     ///
     /// # Panics
     /// If the sensor node is unknown.
-    #[must_use]
     pub fn sampled_bits(&self, sensor: usize) -> u64 {
         self.ledger.sampled_bits(sensor, self.slot)
     }
@@ -222,13 +212,11 @@ impl Field {
     ///
     /// # Panics
     /// If the sensor node is unknown.
-    #[must_use]
     pub fn freshest_slot(&self, sensor: usize) -> Option<u64> {
         self.ledger.cohorts().map(|cohorts| cohorts.freshest_slot(sensor))
     }
 
     /// Bytes of a checkpoint that its cohorts, charges and airtimes take at most.
-    #[must_use]
     pub fn further_bytes(&self) -> usize {
         let charge_bytes = self.ledger.charges().map_or(0, |_| Charges::BYTES_PER_SENSOR);
         let each_bytes = self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor) + charge_bytes;
@@ -237,25 +225,21 @@ impl Field {
 
     /// Whether the sensor node `sensor`, which a UAV served in the last slot, has answered
     /// ([`Ledger::has_answered`]).
-    #[must_use]
     pub fn has_answered(&self, sensor: u32) -> bool {
         self.ledger.has_answered(sensor)
     }
 
     /// The charges of the sensor nodes; `None` without batteries.
-    #[must_use]
     pub fn charges(&self) -> Option<&Charges> {
         self.ledger.charges()
     }
 
     /// Totals since the mission's start.
-    #[must_use]
     pub fn totals(&self) -> Totals {
         self.ledger.totals()
     }
 
     /// The header of the message with these queues.
-    #[must_use]
     pub fn header(&self, head: SlotHeader) -> QueuesHeader {
         let SlotBits { delivered_bits, lost_bits } = self.slot_bits;
         QueuesHeader { head, totals: self.totals(), delivered_bits, lost_bits }

@@ -67,7 +67,6 @@ impl Fleet {
     }
 
     /// The reports of slot 0: the UAVs at their starts.
-    #[must_use]
     pub fn start(&self) -> ByUav<FlightReport> {
         self.uavs.iter().map(Flight::start).collect()
     }
@@ -113,7 +112,6 @@ impl Fleet {
 
     /// Why vehicles that are where they were last observed must not follow `plans`, in the order of their numbers;
     /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first.
-    #[must_use]
     pub fn refusals(&self, plans: &[Plan]) -> ByUav<HoldReason> {
         let mut refusals: ByUav<HoldReason> = ByUav::new();
         for (uav, plan) in self.uavs.iter().zip(plans) {
@@ -149,7 +147,6 @@ impl Fleet {
 
     /// What the UAVs hear at the end of `slot`, where `reports` say that they are (decision D32); nothing without
     /// `link.beacon_radius_m`.
-    #[must_use]
     pub fn hear(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
         let mut links = Vec::new();
         self.uavs.iter().zip(reports).for_each(|(uav, report)| uav.hear(slot, report, &mut links));

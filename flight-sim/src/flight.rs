@@ -59,7 +59,6 @@ impl Flight {
     }
 
     /// The UAV number `uav` at its start, over the same field.
-    #[must_use]
     pub(crate) fn of_uav(&self, uav: usize, start: Point3<f64>, last: u64) -> Self {
         let mut other = Self { uav, last, ..self.clone() };
         other.vehicle.position = start;
@@ -114,7 +113,6 @@ impl Flight {
     }
 
     /// The report of slot 0: the UAV at its start.
-    #[must_use]
     pub fn start(&self) -> FlightReport {
         self.report(Mode::Hold)
     }

@@ -104,7 +104,6 @@ impl OutsideFleet {
 
     /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside
     /// the area or behind a zone is refused, and so is charging outside the base.
-    #[must_use]
     pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<SlotOrder> {
         let refusals = plans.map(|plans| self.fleet.refusals(plans));
         let order = |(uav, position): (usize, Point3<f64>)| {

@@ -47,7 +47,6 @@ impl Vehicle {
     }
 
     /// Whether its energy has ended (decision D12).
-    #[must_use]
     pub fn is_down(&self) -> bool {
         self.energy_j < 0.0
     }

@@ -77,7 +77,6 @@ impl Contender {
     }
 
     /// A metric of the mission with this seed.
-    #[must_use]
     pub fn value(&self, seed: u64, metric: Metric) -> Option<f64> {
         self.missions.get(&seed).map(|values| values[metric as usize])
     }
@@ -88,7 +87,6 @@ impl Contender {
     }
 
     /// Mean of a metric and its difference to `reference`; `None` if no mission has a value.
-    #[must_use]
     pub fn standing(&self, metric: Metric, reference: Option<&Self>) -> Option<MetricStanding> {
         let values = self.values(metric);
         let numbers: Vec<f64> = values.values().copied().collect();

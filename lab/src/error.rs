@@ -41,7 +41,6 @@ pub struct MissingGlyph(pub char);
 
 impl LabError {
     /// The exit code: 1 failure while running, 2 bad input or usage, 130 and 143 after a signal.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),

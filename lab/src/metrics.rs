@@ -345,13 +345,11 @@ impl MissionMeter {
     }
 
     /// The figures of the summary so far.
-    #[must_use]
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
 
     /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
-    #[must_use]
     pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<MissionBounds>) -> MetricValues {
         let mut summary = self.tally.summary(Duration::ZERO, 0);
         if let Some(timing) = timing {

@@ -91,7 +91,6 @@ pub struct Standing {
 
 impl Standing {
     /// By which flights are compared: η, or η_w where weights differ, or the cost where the objective is not the loss.
-    #[must_use]
     pub fn compared(&self) -> f64 {
         self.objective.or(self.weighted_loss_rate).unwrap_or(self.loss_rate)
     }

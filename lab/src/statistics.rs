@@ -166,14 +166,12 @@ impl Concentration {
     /// Whether the interval of the mean is not to be trusted: it is of fewer than 10 values, fewer than 5 of them are
     /// not 0, or one has more than 20 % of the sum. A single value has no interval, and values that are all 0 determine
     /// it.
-    #[must_use]
     pub fn is_few(&self) -> bool {
         let is_narrow = self.is_small() || self.nonzero < FEWEST || self.largest_fraction > LARGEST;
         self.n > 1 && self.nonzero > 0 && is_narrow
     }
 
     /// Whether there are fewer than 10 values: too few to say how the sum is distributed.
-    #[must_use]
     pub fn is_small(&self) -> bool {
         self.n < FEWEST_FIELDS
     }

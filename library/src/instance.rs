@@ -75,7 +75,6 @@ impl Library {
     }
 
     /// Its folder; `None` for that of this build.
-    #[must_use]
     pub fn folder(&self) -> Option<&Path> {
         self.folder.as_deref()
     }

@@ -80,7 +80,6 @@ pub struct PlannedMove {
 
 impl PlannedMove {
     /// The plan that leads to it; `None` for a UAV that holds its position.
-    #[must_use]
     pub fn plan(&self) -> Option<Plan> {
         if self.mode == Mode::Hold {
             return None;

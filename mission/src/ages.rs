@@ -57,7 +57,6 @@ impl Ages {
 
     /// Histogram of the ages up to the end of `slot`, over the SNs that `is_counted` selects. Only these may have been
     /// refreshed.
-    #[must_use]
     pub fn counts(&self, slot: u64, is_counted: impl Fn(usize) -> bool) -> AgeCounts {
         let mut counts = self.counts.clone();
         let counted = self.runs.iter().enumerate().filter(|(sensor, _)| is_counted(*sensor));
@@ -102,7 +101,6 @@ impl AgeCounts {
     }
 
     /// Mean age [slots]; 0 without samples.
-    #[must_use]
     pub fn mean(&self) -> f64 {
         let sum: u64 = self.by_age().map(|(age, count)| age * count).sum();
         let samples = self.samples();
@@ -110,7 +108,6 @@ impl AgeCounts {
     }
 
     /// The least age [slots] that is not exceeded by a fraction `q` of the samples (nearest rank).
-    #[must_use]
     pub fn quantile(&self, q: f64) -> u64 {
         let rank = (q * self.samples() as f64).ceil() as u64;
         let mut seen = 0;
@@ -228,7 +225,6 @@ impl DeliveredData {
     }
 
     /// Histogram of the ages up to the end of `slot`, over the SNs that sample.
-    #[must_use]
     pub fn counts(&self, slot: u64) -> AgeCounts {
         self.ages.counts(slot, |sensor| self.sampling.of(sensor).mean_bits > 0.0)
     }

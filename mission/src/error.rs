@@ -40,7 +40,6 @@ pub enum MissionError {
 
 impl MissionError {
     /// Exit code: 1 for a failure while running, 2 for invalid input or usage, 130 and 143 after a signal.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),

@@ -62,7 +62,6 @@ impl FolderContent {
     }
 
     /// Whether the folder holds neither results nor files of others.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.results.is_empty() && self.foreign.is_empty()
     }
@@ -158,7 +157,6 @@ pub struct OutputFolder {
 
 impl OutputFolder {
     /// The folder.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -216,7 +214,6 @@ pub struct NewResults<'a> {
 
 impl NewResults<'_> {
     /// The folder to write them into.
-    #[must_use]
     pub fn path(&self) -> &Path {
         self.apart.as_ref().map_or(&self.folder.path, TempDir::path)
     }

@@ -118,7 +118,6 @@ impl Latency {
     }
 
     /// The distributions so far; `None` before the second slot.
-    #[must_use]
     pub fn spreads(&self) -> Option<Latencies> {
         (!self.queues.is_empty()).then(|| Latencies {
             queues_to_plan: Spread::of(&self.plan),

@@ -76,19 +76,16 @@ impl Mission {
     }
 
     /// The plant after the last slot.
-    #[must_use]
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 
     /// The ledger after the last slot.
-    #[must_use]
     pub fn header(&self) -> QueuesHeader {
         self.plant.header()
     }
 
     /// The last flown slot; 0 before the first.
-    #[must_use]
     pub fn slot(&self) -> u64 {
         self.plant.slot()
     }

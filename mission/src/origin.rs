@@ -47,13 +47,11 @@ pub struct SourceFile {
 
 impl RunMode {
     /// Whether the flights were reported by an external flight-sim, such as a bridge to a vehicle.
-    #[must_use]
     pub fn has_reported_flights(&self) -> bool {
         self.external.iter().any(|role| role == "flight-sim")
     }
 
     /// The plan that repeats a recorded slot; `None` if there was none in time.
-    #[must_use]
     pub fn plan_of(&self, slot: &RecordedSlot) -> Option<Plan> {
         if self.has_reported_flights() { Some(slot.report()) } else { slot.decision() }
     }

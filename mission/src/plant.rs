@@ -49,31 +49,26 @@ impl Plant {
     }
 
     /// What the last slot left; before slot 1 no plans, and the UAVs at their starts.
-    #[must_use]
     pub fn record(&self) -> &SlotRecord {
         &self.record
     }
 
     /// The ledger after the last slot flown.
-    #[must_use]
     pub fn header(&self) -> QueuesHeader {
         self.record.header
     }
 
     /// The last flown slot; 0 before the first.
-    #[must_use]
     pub fn slot(&self) -> u64 {
         self.record.slot()
     }
 
     /// Whether all slots are flown.
-    #[must_use]
     pub fn is_over(&self) -> bool {
         self.slot() == self.slots
     }
 
     /// The last flight of each UAV; before slot 1 the UAV at its start.
-    #[must_use]
     pub fn flights(&self) -> &ByUav<FlightReport> {
         &self.record.flights
     }
@@ -82,19 +77,16 @@ impl Plant {
     ///
     /// # Panics
     /// If there is no such UAV.
-    #[must_use]
     pub fn flight(&self, uav: usize) -> &FlightReport {
         &self.record.flights[uav]
     }
 
     /// What the UAVs hear after the last slot, by UAV and sensor node; nothing without `link.beacon_radius_m`.
-    #[must_use]
     pub fn heard_links(&self) -> Vec<HeardLink> {
         self.fleet.hear(self.slot(), self.flights())
     }
 
     /// The field after the last slot.
-    #[must_use]
     pub fn field(&self) -> &Field {
         &self.field
     }

@@ -131,25 +131,21 @@ impl RunFolder {
     }
 
     /// The folder.
-    #[must_use]
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
 
     /// The scenario as flown.
-    #[must_use]
     pub fn scenario(&self) -> PathBuf {
         self.path().join("scenario.toml")
     }
 
     /// The rerun recording; its first file, if the viewer was restarted.
-    #[must_use]
     pub fn recording(&self) -> PathBuf {
         self.path().join("mission.rrd")
     }
 
     /// The path or glob pattern of all files of the recording; `None` without a recording.
-    #[must_use]
     pub fn recording_pattern(&self) -> Option<PathBuf> {
         let mut names = LAYOUT.content(self.path()).unwrap_or_default().results;
         names.retain(|name| is_recording(name));
@@ -161,7 +157,6 @@ impl RunFolder {
     }
 
     /// How the run is flown.
-    #[must_use]
     pub fn run_mode(&self) -> &RunMode {
         &self.mode
     }
@@ -209,7 +204,6 @@ impl RunFolder {
     }
 
     /// The path of the trace.
-    #[must_use]
     pub fn slots(&self) -> PathBuf {
         self.path().join(TRACE)
     }
@@ -226,7 +220,6 @@ impl RunFolder {
     }
 
     /// Whether an unchanged `summary.json` says that all slots were flown.
-    #[must_use]
     pub fn is_complete(&self) -> bool {
         self.summary().is_ok_and(|summary| summary.complete)
     }

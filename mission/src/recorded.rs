@@ -87,20 +87,17 @@ impl RecordedLines {
     }
 
     /// The lines of the last slot, each with its newline.
-    #[must_use]
     pub fn lines(&self) -> &[u8] {
         &self.lines
     }
 
     /// The error for the last line.
-    #[must_use]
     pub fn refuse(&self, what: &str) -> MissionError {
         let line = String::from_utf8_lossy(&self.lines[self.last..]);
         InputError::line("trace", &self.path, self.number, &line, what).into()
     }
 
     /// The error for a line that the mission, flown like `mode`, does not reproduce.
-    #[must_use]
     pub fn changed(&self, mode: &RunMode) -> MissionError {
         let or_another =
             if mode.has_reported_flights() { ", or the external flight-sim had another channel" } else { "" };
@@ -205,7 +202,6 @@ impl Recorded {
     }
 
     /// The trace so far.
-    #[must_use]
     pub fn log(&self) -> &SlotLog {
         &self.log
     }

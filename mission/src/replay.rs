@@ -51,37 +51,31 @@ impl Replay {
     }
 
     /// The scenario as flown.
-    #[must_use]
     pub fn scenario(&self) -> &Scenario {
         &self.scenario
     }
 
     /// Its sensor nodes.
-    #[must_use]
     pub fn list(&self) -> &SensorList {
         &self.list
     }
 
     /// The strategy, or the label of an external planner.
-    #[must_use]
     pub fn label(&self) -> &str {
         &self.label
     }
 
     /// How the run was flown.
-    #[must_use]
     pub fn run_mode(&self) -> &RunMode {
         &self.run_mode
     }
 
     /// The summary of the run. Once all slots are flown again, it has the figures that they lead to.
-    #[must_use]
     pub fn summary(&self) -> &Summary {
         &self.summary
     }
 
     /// The plant after the last slot.
-    #[must_use]
     pub fn plant(&self) -> &Plant {
         &self.plant
     }

@@ -71,7 +71,6 @@ impl ServiceGaps {
     }
 
     /// The sums up to the end of `slot`.
-    #[must_use]
     pub fn sums(&self, slot: u64) -> GapSums {
         let mut sums = self.sums;
         for (run, weight) in self.runs.iter().zip(&self.weights) {
@@ -86,7 +85,6 @@ impl ServiceGaps {
     }
 
     /// What they cost up to the end of `slot`, beside lost bits, in slots of `slot_s` [s] (decision D36).
-    #[must_use]
     pub fn cost(&self, objective: &ObjectiveWeights, slot: u64, slot_s: f64) -> f64 {
         let GapSums { ages, powers, late, .. } = self.sums(slot);
         objective.age * ages * slot_s
@@ -95,7 +93,6 @@ impl ServiceGaps {
     }
 
     /// The sum of the weights.
-    #[must_use]
     pub fn weight(&self) -> f64 {
         self.weights.iter().sum()
     }

@@ -130,20 +130,17 @@ impl SlotLog {
     }
 
     /// Whether the recorded slots were flown in a ring.
-    #[must_use]
     pub fn was_in_a_ring(&self) -> bool {
         self.check.as_ref().is_some_and(|check| check.before.is_some())
     }
 
     /// The last slot of the check file that an earlier process has written.
-    #[must_use]
     pub fn last_checked(&self) -> Option<u64> {
         self.check.as_ref().and_then(|check| check.before).map(|(slot, _)| slot)
     }
 
     /// Whether the repeated lines were covered by the check file, except for the last, which may have been written
     /// after it.
-    #[must_use]
     pub fn was_checked(&self) -> bool {
         let check = self.check.as_ref();
         check.is_some_and(|check| check.before.is_some_and(|(slot, _)| slot + 1 >= check.repeated))
@@ -182,7 +179,6 @@ impl SlotLog {
     }
 
     /// Chained hash of all lines so far.
-    #[must_use]
     pub fn hash(&self) -> u64 {
         self.trace.value()
     }

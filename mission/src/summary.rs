@@ -287,20 +287,17 @@ impl Tally {
     }
 
     /// Bits lost so far, by the weights of the sensor nodes where they differ.
-    #[must_use]
     pub fn lost_bits(&self) -> f64 {
         let weighted_bits = self.losses.as_ref().and_then(Losses::weighted_bits);
         weighted_bits.unwrap_or(self.summary.totals.lost_bits as f64)
     }
 
     /// The sums over the gaps between the services so far.
-    #[must_use]
     pub fn gaps(&self) -> &ServiceGaps {
         &self.gaps
     }
 
     /// What the slots so far cost by `planner.objective` (decision D36); `None` where only bits count.
-    #[must_use]
     pub fn objective(&self) -> Option<f64> {
         let objective = self.objective.as_ref()?;
         let of_ages = self.gaps.cost(objective, self.summary.slots, self.slot_s);
@@ -329,7 +326,6 @@ impl Tally {
     }
 
     /// The last recorded slot; 0 before the first.
-    #[must_use]
     pub fn last_slot(&self) -> u64 {
         self.summary.slots
     }
@@ -340,13 +336,11 @@ impl Tally {
     }
 
     /// Slots whose plan had not arrived when they began.
-    #[must_use]
     pub fn missed_deadlines(&self) -> u64 {
         self.summary.timing.missed_deadlines
     }
 
     /// The loss rate so far, `η` (decisions D3 and D24); 0 without sampling.
-    #[must_use]
     pub fn loss_rate(&self) -> f64 {
         let Totals { lost_bits, sampled_bits, .. } = self.summary.totals;
         let mean_bits = self.mean_bits.map(|slot_bits| slot_bits * self.summary.slots as f64);
@@ -354,7 +348,6 @@ impl Tally {
     }
 
     /// The summary of the run so far, after the wall time `wall`.
-    #[must_use]
     pub fn summary(&self, wall: Duration, trace_hash: u64) -> Summary {
         let mut summary = self.summary.clone();
         let slots = summary.slots as f64;

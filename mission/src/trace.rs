@@ -53,7 +53,6 @@ impl TraceHash {
     }
 
     /// The chained hash of all lines so far.
-    #[must_use]
     pub fn value(&self) -> u64 {
         self.hash
     }
@@ -169,19 +168,16 @@ impl RecordedSlot {
     }
 
     /// Whether the UAV held its position because there was no plan in time.
-    #[must_use]
     pub fn is_missed(&self) -> bool {
         self.mode == Mode::Hold && self.refused == 0
     }
 
     /// A plan that leads to the recorded flight; `None` if there was none in time.
-    #[must_use]
     pub fn decision(&self) -> Option<Plan> {
         (!self.is_missed()).then(|| self.plan())
     }
 
     /// A plan that leads to the recorded flight, with as many refused requests as recorded.
-    #[must_use]
     pub fn plan(&self) -> Plan {
         match self.mode {
             // The refused waypoint.
@@ -192,7 +188,6 @@ impl RecordedSlot {
     }
 
     /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it, with the energy that was reported.
-    #[must_use]
     pub fn report(&self) -> Plan {
         Plan { expected_bits: self.energy_j.to_bits(), ..self.flown() }
     }

@@ -57,7 +57,6 @@ impl AssumedLink {
     }
 
     /// The link `planned` as plans take it.
-    #[must_use]
     pub(crate) fn of(&self, planned: LinkBudget) -> LinkBudget {
         let tx_power_w = planned.tx_power_w * ratio_of_db(self.snr_offset_db.unwrap_or(0.0));
         LinkBudget {

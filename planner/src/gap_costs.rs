@@ -55,7 +55,6 @@ impl GapCosts {
     }
 
     /// Whether visits cost energy, so that not all that are possible are worth it.
-    #[must_use]
     pub fn has_visit_costs(&self) -> bool {
         self.wake > 0.0 || self.send > 0.0
     }
@@ -67,13 +66,11 @@ impl GapCosts {
     }
 
     /// Whether nothing but visits counts, whatever they take.
-    #[must_use]
     pub fn is_by_visits(&self) -> bool {
         self.loss == 0.0 && self.send == 0.0
     }
 
     /// Whether only lost bits count.
-    #[must_use]
     pub fn is_by_bits(&self) -> bool {
         self.age == 0.0 && self.peak_age == 0.0 && self.deadline == 0.0
     }
@@ -96,7 +93,6 @@ impl GapCosts {
     ///
     /// So at most `most(K)` sensors have an age below K, from slot K on. What a slot costs grows with the age by the steps
     /// `c(K) − c(K − 1)`, as costs of gaps are convex; each is paid by all but `most(K)` sensors, the heaviest ones.
-    #[must_use]
     pub fn least_of_ages(&self, mut weights: Vec<f64>, slots: u64, most: impl Fn(u64) -> usize) -> f64 {
         weights.sort_by(|a, b| b.total_cmp(a));
         let mut rest: f64 = weights.iter().sum();

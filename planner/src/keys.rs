@@ -135,7 +135,6 @@ impl Settings {
     }
 
     /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
-    #[must_use]
     pub fn estimated(&self) -> Option<Rates> {
         (self.knowledge == Knowledge::Estimated).then_some(self.rates)
     }
@@ -236,7 +235,6 @@ fn is_zero(weight: &f64) -> bool {
 
 impl ObjectiveWeights {
     /// Of a lost bit, for whatever reason.
-    #[must_use]
     pub fn of_bits(&self) -> f64 {
         self.loss + self.expiry
     }

@@ -83,7 +83,6 @@ impl MissionTable {
 
     /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, what is heard of
     /// links, and the turns if positions and range are the same.
-    #[must_use]
     pub fn over(&self, scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
         let mut other = Self::within(scenario, sensors, Arc::clone(&self.airspace));
         other.heard.clone_from(&self.heard);
@@ -96,7 +95,6 @@ impl MissionTable {
 
     /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them,
     /// around zones. `stop` ends the search for a shorter one.
-    #[must_use]
     pub fn turns(&self, stop: &Stop) -> Arc<Turns> {
         let find = || {
             let mut turns = Turns::new(&self.sensors.positions, self.limits.comm_radius_m, stop);
@@ -130,26 +128,22 @@ impl MissionTable {
 
     /// Whether SN `id` is known to be dead, or without airtime.
     #[inline]
-    #[must_use]
     pub fn is_out(&self, id: u32) -> bool {
         self.is_out.get(id as usize).is_some_and(|[is_out, _]| *is_out)
     }
 
     /// Whether SN `id` is known to be dead.
-    #[must_use]
     pub fn is_dead(&self, id: u32) -> bool {
         self.is_out.get(id as usize).is_some_and(|[_, is_dead]| *is_dead)
     }
 
     /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without airtime.
     #[inline]
-    #[must_use]
     pub fn is_servable(&self, id: u32) -> bool {
         self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_out(id)
     }
 
     /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
-    #[must_use]
     pub fn is_home(&self, ground: &Position) -> bool {
         self.home.as_ref().is_none_or(|home| home.base.contains(ground))
     }
@@ -161,7 +155,6 @@ impl MissionTable {
 
     /// Whether one slot, or a move on a grid, leads from `from` into the range of an SN at `sensor` [m], around zones,
     /// and so may serve it.
-    #[must_use]
     pub fn may_serve_next(&self, from: &Position, sensor: &Position) -> bool {
         let range = Disk { centre: *sensor, radius_m: self.limits.comm_radius_m };
         self.airspace.is_open() || self.motion.slots_into(from, &range) <= self.motion.move_slots() as f64
@@ -174,20 +167,17 @@ impl MissionTable {
     /// # Panics
     /// If the SN is unknown.
     #[inline]
-    #[must_use]
     pub fn value(&self, id: u32, queue_bits: u32) -> u32 {
         if self.is_servable(id) { self.sensors.weights.value(id, queue_bits) } else { 0 }
     }
 
     /// Whether any SN cannot be served.
     #[inline]
-    #[must_use]
     pub fn has_hidden(&self) -> bool {
         self.is_hidden.contains(&true) || self.is_out.iter().any(|[is_out, _]| *is_out)
     }
 
     /// The uplink of SN `id` to the UAV at `uav`, with what was heard of it.
-    #[must_use]
     #[inline]
     pub fn uplink(&self, id: u32, uav: &Point3<f64>) -> Uplink {
         let sensor = self.sensors.position(id);
@@ -199,7 +189,6 @@ impl MissionTable {
     }
 
     /// Whether links of the same length have levels of their own: by a map, or by what was heard.
-    #[must_use]
     #[inline]
     pub fn has_levels(&self) -> bool {
         self.heard.is_some() || self.channel.map().is_some()
@@ -207,13 +196,11 @@ impl MissionTable {
 
     /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the
     /// expected rates `r_i`.
-    #[must_use]
     pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
         ids.iter().map(|&id| self.capacity_bits(id, uav).min(u64::from(queues_bits[id as usize]))).sum()
     }
 
     /// Bits that the link of SN `id` to the UAV at `uav` is expected to carry in a slot, `floor(r_i τ_c)`.
-    #[must_use]
     pub fn capacity_bits(&self, id: u32, uav: &Point3<f64>) -> u64 {
         self.channel.capacity_bits(self.channel.expected_rate_bps(&self.uplink(id, uav)))
     }
@@ -222,7 +209,6 @@ impl MissionTable {
     ///
     /// The area is convex and contains the SNs and the UAV, so the result is nearer to each of them: a waypoint that
     /// rounding put outside stays in range and in reach.
-    #[must_use]
     pub fn clamp_to_area(&self, position: &Position) -> Position {
         Position::new(position.x.clamp(0.0, self.limits.width_m), position.y.clamp(0.0, self.limits.height_m))
     }

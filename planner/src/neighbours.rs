@@ -159,7 +159,6 @@ impl ReservationTable {
     }
 
     /// Nothing, while nobody has planned.
-    #[must_use]
     pub fn nothing(&self, last: u64) -> Reservations<'_> {
         let Self { separation_m, base, .. } = self;
         Reservations { separation_m: *separation_m, reserved: &[], has_right_of_way: true, base: base.as_ref(), last }

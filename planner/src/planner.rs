@@ -266,13 +266,11 @@ impl Planner {
     }
 
     /// The last slot planned by this planner or its restored predecessor; 0 before the first.
-    #[must_use]
     pub fn slot(&self) -> u64 {
         self.slot
     }
 
     /// Whether the plan of a slot depends on the slots before it.
-    #[must_use]
     pub fn has_state(&self) -> bool {
         let mut bytes = Vec::new();
         self.save(&mut bytes);
@@ -281,7 +279,6 @@ impl Planner {
 
     /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only
     /// from strategies that look ahead. On the way home its bends, and its end.
-    #[must_use]
     pub fn path(&self) -> &[Point3<f64>] {
         &self.path
     }

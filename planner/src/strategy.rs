@@ -158,20 +158,17 @@ impl<'a> View<'a> {
     }
 
     /// Whether links, arrivals, queues and rates are known: then a forecast is what comes.
-    #[must_use]
     pub fn is_certain(&self) -> bool {
         !self.belief.belief.is_estimated() && !self.table.channel.is_random() && !self.table.arrivals.is_random()
     }
 
     /// What other UAVs plan to serve, by slot; `None` if none tells.
-    #[must_use]
     pub fn intents(&self) -> Option<&'a [PlannedVisit]> {
         self.neighbours.and_then(|neighbours| neighbours.intents)
     }
 
     /// For each of several bases the slots before it has a pad for the UAV ([`Home::pad_waits`](crate::route::home::Home::pad_waits)), as far as others tell
     /// where they are; empty if none makes it wait.
-    #[must_use]
     pub fn pad_waits(&self) -> Vec<u64> {
         let Some(home) = &self.table.home else { return Vec::new() };
         let (uav, flights) = self.neighbours.map_or((0, &[][..]), |neighbours| (neighbours.uav, neighbours.flights));
@@ -179,7 +176,6 @@ impl<'a> View<'a> {
     }
 
     /// Horizontal position of the UAV.
-    #[must_use]
     pub fn ground(&self) -> Position {
         self.position.xy()
     }
@@ -187,7 +183,6 @@ impl<'a> View<'a> {
     /// Where a fixed flight ends the slot (`uav.track`), or toward there if the UAV is not where that begins it, because
     /// an earlier plan was late; `None` if strategies choose waypoints.
     #[inline]
-    #[must_use]
     pub fn fixed_end(&self) -> Option<Point3<f64>> {
         self.track_end(self.table.track.as_ref()?)
     }
@@ -206,7 +201,6 @@ impl<'a> View<'a> {
 
     /// Where a slot ends for which a strategy decides `ground`: there, in the area, or where the flight is fixed.
     #[inline]
-    #[must_use]
     pub fn end_for(&self, ground: &Position) -> Position {
         self.fixed_end().map_or_else(|| self.table.clamp_to_area(ground), |end| end.xy())
     }
@@ -216,14 +210,12 @@ impl<'a> View<'a> {
     /// # Panics
     /// If the SN is unknown.
     #[inline]
-    #[must_use]
     pub fn value(&self, id: u32) -> u32 {
         self.table.value(id, self.belief.queues_bits[id as usize])
     }
 
     /// The values of all queues, by id; `room` is memory for them.
     #[inline]
-    #[must_use]
     pub fn values<'b>(&self, room: &'b mut Vec<u32>) -> &'b [u32]
     where
         'a: 'b,
@@ -358,7 +350,6 @@ impl OwnedSetup {
     }
 
     /// The input for the construction of a strategy.
-    #[must_use]
     pub fn setup(&self) -> Setup<'_> {
         let Self { scenario, settings, table, stop } = self;
         Setup { scenario, settings, table, belief: &Belief::Known, team: None, stop }

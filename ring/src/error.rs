@@ -48,7 +48,6 @@ pub enum RingError {
 
 impl RingError {
     /// Exit code of a process that ends with this error.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
@@ -114,7 +113,6 @@ pub enum NodeError {
 
 impl NodeError {
     /// Exit code of a process that ends with this error.
-    #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),

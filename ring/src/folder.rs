@@ -84,13 +84,11 @@ impl RingFolder {
     }
 
     /// The folder.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// The terms of the run.
-    #[must_use]
     pub fn terms(&self) -> Terms {
         self.terms
     }
@@ -135,7 +133,6 @@ impl RingFolder {
     }
 
     /// The path of the journal `name`.
-    #[must_use]
     pub fn journal(&self, name: &str) -> PathBuf {
         self.path.join(format!("{name}.journal"))
     }
@@ -155,7 +152,6 @@ impl RingFolder {
     }
 
     /// Beginning of the names of the run's shared-memory files.
-    #[must_use]
     pub fn prefix(&self) -> String {
         prefix(&self.path)
     }

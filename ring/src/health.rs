@@ -82,7 +82,6 @@ impl Health {
     }
 
     /// The process and its event; `None` for unknown numbers.
-    #[must_use]
     pub fn decode(&self) -> Option<(Role, ProcessEvent)> {
         let event = match self.event {
             0 => ProcessEvent::Killed(self.detail),

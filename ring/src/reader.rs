@@ -244,7 +244,6 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     }
 
     /// The latest slot of which a sample was received, also if it came too late; `None` before the first.
-    #[must_use]
     pub fn newest_slot(&self) -> Option<u64> {
         self.newest
     }

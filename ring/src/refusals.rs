@@ -90,7 +90,6 @@ impl Refusals {
     }
 
     /// The number of refusals of all kinds.
-    #[must_use]
     pub fn total(&self) -> u64 {
         self.0.borrow().counts.iter().sum()
     }

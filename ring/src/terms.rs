@@ -62,19 +62,16 @@ impl Default for Terms {
 
 impl Terms {
     /// Whether the run has the topic `belief`.
-    #[must_use]
     pub fn has_belief(&self) -> bool {
         self.belief.is_some()
     }
 
     /// Whether the run has the topic `links`.
-    #[must_use]
     pub fn has_beacons(&self) -> bool {
         self.beacon_radius_m.is_some()
     }
 
     /// Whether the run has the topic `rates`.
-    #[must_use]
     pub fn has_learnt_rates(&self) -> bool {
         self.belief == Some(Rates::Learnt)
     }
@@ -91,25 +88,21 @@ impl Terms {
     }
 
     /// How long the launcher waits for a sample before it ends the run.
-    #[must_use]
     pub fn timeout(&self) -> Duration {
         Duration::from_secs_f64(self.timeout_s)
     }
 
     /// After this time without a heartbeat, a process is killed and restarted.
-    #[must_use]
     pub fn silence_limit(&self) -> Duration {
         self.timeout() / 2
     }
 
     /// How long a writer waits for a reader that does not take its samples.
-    #[must_use]
     pub fn full_limit(&self) -> Duration {
         self.timeout() * 2 / 3
     }
 
     /// After this time without the sample that the others wait for, its sender is killed and restarted.
-    #[must_use]
     pub fn overdue_limit(&self) -> Duration {
         self.timeout() * 3 / 4
     }

@@ -173,19 +173,16 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     }
 
     /// The name of the topic.
-    #[must_use]
     pub fn name(&self) -> &'static str {
         self.0.row.name
     }
 
     /// The process that writes the topic.
-    #[must_use]
     pub fn written_by(&self) -> Role {
         self.0.row.writer
     }
 
     /// Whether a process or a link is attached as a writer.
-    #[must_use]
     pub fn has_writer(&self) -> bool {
         !self.writers().is_empty()
     }

@@ -290,7 +290,6 @@ impl<S: Service + 'static> Ring<S> {
     }
 
     /// Hash of the ring's scenario, as hexadecimal text.
-    #[must_use]
     pub fn scenario_hash(&self) -> Option<String> {
         let key = "scenario".try_into().ok()?;
         self.sensors.terms().key_value(&key, 0).map(ToString::to_string)
@@ -302,14 +301,12 @@ impl<S: Service + 'static> Ring<S> {
     }
 
     /// Whether the ring has no other process.
-    #[must_use]
     pub fn is_alone(&self) -> bool {
         is_only_node(&self.node)
     }
 
     /// Whether a process of this host has the role, as a writer of its heartbeats. A link writes all topics: a writer
     /// of `commit` other than the launcher is a link.
-    #[must_use]
     pub fn has_process(&self, role: Role) -> bool {
         let mut links = if self.terms.link.is_some() { self.commit.writers() } else { Vec::new() };
         links.retain(|writer| writer != self.node.id());
@@ -331,7 +328,6 @@ impl<S: Service + 'static> Ring<S> {
     }
 
     /// A header of this run with the current time.
-    #[must_use]
     pub fn header(&self, slot: u64, flags: u32) -> SlotHeader {
         SlotHeader { mission: self.terms.mission, slot, epoch: self.restarts, flags, sent_ns: monotonic_ns() }
     }

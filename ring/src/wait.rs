@@ -242,7 +242,6 @@ impl Stopwatch {
     }
 
     /// The time from the start to the last advance.
-    #[must_use]
     pub fn elapsed(&self) -> Duration {
         self.elapsed
     }

@@ -223,13 +223,11 @@ pub struct DeadManSwitch {
 
 impl DeadManSwitch {
     /// What the vehicle does with this value; `None` if it does not come down safely.
-    #[must_use]
     pub fn effect(&self, value: f64) -> Option<&'static str> {
         self.values.iter().find(|(accepted, _)| f64::from(*accepted) == value).map(|(_, effect)| *effect)
     }
 
     /// The accepted values, for people.
-    #[must_use]
     pub fn expected(&self) -> String {
         let rows: Vec<String> = self.values.iter().map(|(value, effect)| format!("{value} ({effect})")).collect();
         rows.join(", ")

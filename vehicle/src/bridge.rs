@@ -50,7 +50,6 @@ pub struct SlotEnds {
 
 impl SlotEnds {
     /// What is said of them when the mission has ended.
-    #[must_use]
     pub fn said(&self) -> Vec<String> {
         let mut lines = Vec::new();
         if self.doubtful > 0 {
@@ -189,7 +188,6 @@ impl Bridge {
     }
 
     /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
-    #[must_use]
     pub fn has_begun(&self) -> bool {
         let is_over =
             |control: &VehicleControl| matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
@@ -198,7 +196,6 @@ impl Bridge {
     }
 
     /// What is known of the vehicle of a UAV, by its number from 0.
-    #[must_use]
     pub fn control(&self, uav: usize) -> &VehicleControl {
         &self.members[uav].control
     }
@@ -234,7 +231,6 @@ impl Bridge {
     }
 
     /// The numbers of the vehicles that others fly, from 1.
-    #[must_use]
     pub fn taken_over(&self) -> Vec<usize> {
         let members = self.members.iter().enumerate();
         let taken = members.filter(|(_, member)| member.control.is_taken_over());
@@ -260,13 +256,11 @@ impl Bridge {
     }
 
     /// Whether no vehicle will fly any more: all fly home, as far as they say so, or have landed.
-    #[must_use]
     pub fn is_homebound(&self) -> bool {
         self.members.iter().all(|Member { control, .. }| control.is_homebound())
     }
 
     /// Whether all vehicles are on the ground.
-    #[must_use]
     pub fn has_landed(&self) -> bool {
         self.members.iter().all(|Member { control, .. }| control.phase() == Phase::Landed)
     }
@@ -313,7 +307,6 @@ impl Bridge {
     }
 
     /// What the vehicles hear of sensor nodes at the end of `slot`, by the channel of the scenario.
-    #[must_use]
     pub fn heard_links(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
         self.fleet.hear(slot, reports)
     }

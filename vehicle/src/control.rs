@@ -154,67 +154,56 @@ impl VehicleControl {
     }
 
     /// Whether others have taken it over while this bridge flew it.
-    #[must_use]
     pub fn is_taken_over(&self) -> bool {
         self.phase == Phase::TakenOver && !self.is_left
     }
 
     /// The phase of its mission.
-    #[must_use]
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
     /// Whether its mission has begun: it has hovered at its start.
-    #[must_use]
     pub fn has_begun(&self) -> bool {
         self.has_begun
     }
 
     /// What it is waited for before take-off, in words after "waiting for it"; `None` if nothing is.
-    #[must_use]
     pub fn missing(&self) -> Option<&'static str> {
         self.preflight.missing.filter(|_| self.phase == Phase::Preflight)
     }
 
     /// Why its mission is over, if it has never begun.
-    #[must_use]
     pub fn unbegun_end(&self) -> Option<&str> {
         (!self.has_begun && self.phase == Phase::Landed).then_some(&*self.end)
     }
 
     /// Whether the bridge has ordered it to be armed, or has taken it over in the air.
-    #[must_use]
     pub fn is_committed(&self) -> bool {
         self.takeover.has_armed() || !matches!(self.phase, Phase::Preflight | Phase::Arming)
     }
 
     /// Whether it has refused to fly to its target.
-    #[must_use]
     pub fn has_refused(&self) -> bool {
         self.has_refused
     }
 
     /// Where it is [m]; `None` if that was never known.
-    #[must_use]
     pub fn position(&self) -> Option<Point3<f64>> {
         self.frame.position(self.vehicle.fix()?)
     }
 
     /// Whether its position is current, and believed.
-    #[must_use]
     pub fn has_current_position(&self, now_s: f64) -> bool {
         self.vehicle.has_current_fix(now_s) && !self.jumps.is_doubtful(now_s)
     }
 
     /// How far from its start a vehicle is [m].
-    #[must_use]
     pub fn away_m(&self, fix: &Fix) -> Option<f64> {
         Some((self.frame.position(fix)?.xy() - self.assignment.start.xy()).norm())
     }
 
     /// Whether it flies home, as far as it says so, is flown by others, or has landed.
-    #[must_use]
     pub fn is_homebound(&self) -> bool {
         let is_confirmed = !self.outbox.has(&Order::Return) || self.vehicle.meaning() == ModeMeaning::Returns;
         matches!(self.phase, Phase::Landed | Phase::TakenOver) || self.phase == Phase::Returning && is_confirmed

@@ -19,7 +19,6 @@ impl AreaFrame {
     }
 
     /// Where `fix` is in the area [m]; `None` on the far side of the Earth.
-    #[must_use]
     pub fn position(&self, fix: &Fix) -> Option<Point3<f64>> {
         if !(-90.0..=90.0).contains(&fix.lat_deg) || !fix.lon_deg.is_finite() {
             return None;
@@ -28,7 +27,6 @@ impl AreaFrame {
     }
 
     /// Where `position` [m] is on Earth; `None` beyond the rim.
-    #[must_use]
     pub fn geodetic(&self, position: &Point3<f64>) -> Option<GeodeticPosition> {
         self.0.unproject(&position.xy())
     }

@@ -87,7 +87,6 @@ impl Vehicles {
     }
 
     /// Whether a heartbeat of `system` is that of a vehicle of the same type, with the same autopilot, as before.
-    #[must_use]
     pub fn is_of_type(&self, system: u8, heartbeat: &HEARTBEAT_DATA) -> bool {
         let is_same = |heard: &Heard| heard.kind == heartbeat.mavtype && heard.autopilot == heartbeat.autopilot;
         self.heard.get(&system).is_some_and(is_same)
@@ -111,7 +110,6 @@ impl Vehicles {
     }
 
     /// The first heartbeat of `system`.
-    #[must_use]
     pub fn first_heartbeat(&self, system: u8) -> Option<&HEARTBEAT_DATA> {
         Some(&self.heard.get(&system)?.first)
     }
@@ -131,13 +129,11 @@ impl Vehicles {
     }
 
     /// The address of `system`; `None` if it was not heard, or not over UDP.
-    #[must_use]
     pub fn address(&self, system: u8) -> Option<SocketAddr> {
         self.heard.get(&system)?.address
     }
 
     /// Whether somebody at this address is one of the vehicles.
-    #[must_use]
     pub fn is_at(&self, address: SocketAddr) -> bool {
         self.heard.values().any(|heard| heard.address == Some(address))
     }
@@ -209,7 +205,6 @@ impl Vehicles {
     }
 
     /// What `system` is, for people.
-    #[must_use]
     pub fn describe(&self, system: u8) -> String {
         let kind = self.heard.get(&system).map(|heard| format!(" ({})", name(heard.kind)));
         format!("system {system}{}", kind.unwrap_or_default())

@@ -81,13 +81,11 @@ impl Jumps {
     }
 
     /// How long no position was plausible [s]; 0 if the last one was.
-    #[must_use]
     pub fn away_for_s(&self, now_s: f64) -> f64 {
         if self.is_away { now_s - self.away_s } else { 0.0 }
     }
 
     /// Whether a position was not plausible just now.
-    #[must_use]
     pub fn is_doubtful(&self, now_s: f64) -> bool {
         self.jumped_s.is_some_and(|jumped_s| now_s - jumped_s < DOUBT_S)
     }

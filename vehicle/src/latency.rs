@@ -13,14 +13,12 @@ impl OrderLatencies {
     }
 
     /// What is said of them when the mission has ended; `None` without times.
-    #[must_use]
     pub fn said(&self) -> Option<String> {
         let [median_ms, rare_ms] = self.quantiles([0.5, 0.99])?.map(|time| time.as_secs_f64() * 1e3);
         Some(format!("from plan to MAVLink: median {median_ms:.2} ms, 99 % within {rare_ms:.2} ms"))
     }
 
     /// The quantiles of these levels, 0 to 1, by nearest rank; `None` without times.
-    #[must_use]
     pub fn quantiles<const N: usize>(&self, levels: [f64; N]) -> Option<[Duration; N]> {
         let mut sorted = self.0.clone();
         sorted.sort_unstable();

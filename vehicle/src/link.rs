@@ -129,7 +129,6 @@ impl Link {
     }
 
     /// The vehicles that are chosen, or were by the bridge before, by the numbers of their UAVs.
-    #[must_use]
     pub fn chosen(&self) -> Vec<Option<ChosenVehicle>> {
         let chosen = |route: &Route| {
             let address = |system| self.connections[route.connection].vehicles.address(system);
@@ -139,7 +138,6 @@ impl Link {
     }
 
     /// Where the vehicle of a UAV, by its number from 0, was waited for, if none is chosen.
-    #[must_use]
     pub fn awaited_at(&self, uav: usize) -> Option<&WireAddress> {
         let route = &self.routes[uav];
         route.system.is_none().then(|| &self.connections[route.connection].address)

@@ -48,7 +48,6 @@ impl Outbox {
     }
 
     /// Whether the order of the command of `order` is unanswered.
-    #[must_use]
     pub fn has(&self, order: &Order) -> bool {
         self.orders.iter().any(|unanswered| unanswered.order.command() == order.command())
     }

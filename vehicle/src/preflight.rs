@@ -259,7 +259,6 @@ impl Preflight {
     }
 
     /// What was found, for people: what the vehicle does when the bridge is silent, and what could not be checked.
-    #[must_use]
     pub fn findings(&self, vehicle: &VehicleState) -> Vec<String> {
         let mut lines = Vec::new();
         let switch = vehicle.autopilot.and_then(AutopilotKind::dead_man_switch);

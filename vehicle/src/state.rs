@@ -160,45 +160,38 @@ impl VehicleState {
     }
 
     /// Its mode, by the number that the autopilot gives it, once two reports agree.
-    #[must_use]
     pub fn mode(&self) -> Option<u32> {
         self.mode.believed
     }
 
     /// The name of its mode ([`AutopilotKind::mode_name`]); `unknown` before two reports agree.
-    #[must_use]
     pub fn mode_name(&self) -> String {
         let named = self.autopilot.zip(self.mode.believed);
         named.map_or_else(|| "unknown".to_owned(), |(autopilot, mode)| autopilot.mode_name(mode))
     }
 
     /// What its mode means.
-    #[must_use]
     pub fn meaning(&self) -> ModeMeaning {
         let meaning = |(autopilot, mode): (AutopilotKind, u32)| autopilot.meaning(mode);
         self.autopilot.zip(self.mode.believed).map_or(ModeMeaning::Unknown, meaning)
     }
 
     /// Whether its autopilot is still starting: then it changes its mode itself.
-    #[must_use]
     pub fn is_booting(&self) -> bool {
         self.is_booting
     }
 
     /// Whether its motors may run, once two heartbeats agree on it.
-    #[must_use]
     pub fn is_armed(&self) -> Option<bool> {
         self.is_armed.believed
     }
 
     /// Whether the last heartbeat says that it is armed.
-    #[must_use]
     pub fn may_be_armed(&self) -> bool {
         self.is_armed.last == Some(true)
     }
 
     /// Whether the last report of its mode, or of whether it is armed, differs from the one before.
-    #[must_use]
     pub fn is_in_doubt(&self) -> bool {
         !self.mode.is_certain || !self.is_armed.is_certain
     }
@@ -220,7 +213,6 @@ impl VehicleState {
     }
 
     /// Whether two heartbeats in a row, since they were counted anew, say that it is disarmed.
-    #[must_use]
     pub fn says_disarmed(&self) -> bool {
         self.disarmed_reports >= 2
     }
@@ -232,7 +224,6 @@ impl VehicleState {
     }
 
     /// Whether it has disarmed on the ground: it says so, and where it is agrees with that.
-    #[must_use]
     pub fn has_disarmed(&self, now_s: f64) -> bool {
         let stands = || {
             let is_slow = self.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() < STANDS_MPS);
@@ -242,43 +233,36 @@ impl VehicleState {
     }
 
     /// Its last position.
-    #[must_use]
     pub fn fix(&self) -> Option<&Fix> {
         self.fix.as_ref().map(|(fix, _)| fix)
     }
 
     /// Whether its position is current.
-    #[must_use]
     pub fn has_current_fix(&self, now_s: f64) -> bool {
         self.fix.as_ref().is_some_and(|(_, heard_s)| now_s - heard_s < OLD_FIX_S)
     }
 
     /// How long it has said nothing [s], if that is too long.
-    #[must_use]
     pub fn silence_s(&self, now_s: f64) -> Option<f64> {
         self.heard_s.map(|heard_s| now_s - heard_s).filter(|silence_s| *silence_s >= LOST_S)
     }
 
     /// Whether nothing was heard of it for so long that what comes now may have waited in the link.
-    #[must_use]
     pub fn was_silent(&self, now_s: f64) -> bool {
         self.heard_s.is_some_and(|heard_s| now_s - heard_s >= FROZEN_S)
     }
 
     /// Whether its battery is low.
-    #[must_use]
     pub fn is_battery_low(&self) -> bool {
         self.low_reports >= LOW
     }
 
     /// Whether it is in the air.
-    #[must_use]
     pub fn is_in_air(&self) -> bool {
         self.is_armed.believed == Some(true) && self.is_high()
     }
 
     /// Whether it is above the ground, by its own judgement or by its altitude.
-    #[must_use]
     pub fn is_high(&self) -> bool {
         let is_above_home = self.fix().is_some_and(|fix| fix.above_home_m > IN_AIR_M);
         self.says_in_air.unwrap_or(is_above_home)

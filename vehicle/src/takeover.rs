@@ -76,13 +76,11 @@ impl Takeover {
     }
 
     /// Whether the bridge has armed it.
-    #[must_use]
     pub fn has_armed(&self) -> bool {
         self.arming == Arming::Ours
     }
 
     /// Whether it was ordered to arm, and has not refused.
-    #[must_use]
     pub fn is_arming(&self) -> bool {
         self.arming != Arming::NotOrdered
     }
@@ -95,7 +93,6 @@ impl Takeover {
     }
 
     /// When it was first known to be armed by an order [s].
-    #[must_use]
     pub fn armed_s(&self) -> Option<f64> {
         self.armed_s
     }
@@ -106,7 +103,6 @@ impl Takeover {
     }
 
     /// Whether it was on the ground, disarmed, before the bridge armed it.
-    #[must_use]
     pub fn has_been_disarmed(&self) -> bool {
         self.has_been_disarmed
     }

@@ -134,7 +134,6 @@ pub enum Order {
 
 impl Order {
     /// The command of MAVLink, which its answer repeats; `None` for a message without an answer.
-    #[must_use]
     pub fn command(&self) -> Option<u16> {
         match self {
             Self::Return => Some(20),
@@ -148,7 +147,6 @@ impl Order {
     }
 
     /// Whether it could undo what a pilot has just done: it changes the mode, or arms.
-    #[must_use]
     pub fn may_overrule(&self, autopilot: AutopilotKind) -> bool {
         match self {
             Self::Mode(_) | Self::Arm | Self::Return => true,

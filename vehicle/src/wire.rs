@@ -111,14 +111,12 @@ impl fmt::Display for WireAddress {
 
 impl WireAddress {
     /// Whether both name the same connection, whatever their options.
-    #[must_use]
     pub fn shares_wire(&self, other: &Self) -> bool {
         self.endpoint == other.endpoint
     }
 
     /// Whether one connection cannot serve two vehicles at these addresses: they name no systems, or the same, or
     /// another system of the bridge.
-    #[must_use]
     pub fn conflicts(&self, other: &Self) -> bool {
         let own = |address: &Self| [address.own_system, address.own_component];
         let is_named = self.system.is_some() && other.system.is_some() && self.system != other.system;

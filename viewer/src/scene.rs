@@ -81,7 +81,6 @@ impl Scene {
     }
 
     /// The port on 127.0.0.1 for live viewers.
-    #[must_use]
     pub fn port(&self) -> Option<u16> {
         self.recording.port
     }

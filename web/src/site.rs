@@ -51,7 +51,6 @@ impl Site {
     }
 
     /// The path of the page, such as `/81f0c43e10b3f2f9d2b2c52f8c4f1c7a/`.
-    #[must_use]
     pub fn path(&self) -> String {
         format!("{}/", self.path)
     }

@@ -113,13 +113,11 @@ impl Airspace {
     }
 
     /// Whether all ways lead along a grid.
-    #[must_use]
     pub fn has_grid(&self) -> bool {
         self.grid.is_some()
     }
 
     /// Slots of a move to a neighbouring cell of the grid; 1 without one.
-    #[must_use]
     pub fn move_slots(&self) -> u64 {
         self.grid.as_ref().map_or(1, |grid| grid.move_slots())
     }
@@ -141,7 +139,6 @@ impl Airspace {
 
     /// Whether all ways are straight.
     #[inline]
-    #[must_use]
     pub fn is_open(&self) -> bool {
         self.zones.is_empty() && self.grid.is_none()
     }
@@ -153,7 +150,6 @@ impl Airspace {
 
     /// The middles of the cells that a move leads to from the middle of one, at `at` [m]; none elsewhere, and without a
     /// grid.
-    #[must_use]
     pub fn neighbours(&self, at: &Position) -> Vec<Position> {
         self.grid.as_ref().map_or_else(Vec::new, |grid| grid.neighbouring(at))
     }
@@ -175,7 +171,6 @@ impl Airspace {
     }
 
     /// Whether `point` [m] lies in the area, and not in closed ground.
-    #[must_use]
     pub fn contains(&self, point: &Position) -> bool {
         let is_in_area = Position::origin() <= *point && *point <= self.corner;
         let slack_m = ROUNDING * self.extent_m;
@@ -187,7 +182,6 @@ impl Airspace {
     /// Whether the straight way enters no zone, and on a grid leads along a line of it, within a move. A way that
     /// begins in a zone may leave it.
     #[inline]
-    #[must_use]
     pub fn is_free(&self, from: &Position, to: &Position) -> bool {
         match &self.grid {
             Some(grid) => grid.is_free(from, to),
@@ -196,7 +190,6 @@ impl Airspace {
     }
 
     /// Whether it may lead there in a slot, as all of a grid's moves do; always without a grid.
-    #[must_use]
     pub fn is_move(&self, from: &Position, to: &Position) -> bool {
         self.grid.as_ref().is_none_or(|grid| grid.is_free(from, to))
     }
@@ -214,7 +207,6 @@ impl Airspace {
 
     /// The fraction of the straight way from `from` to `to` [m] at which it enters closed ground, by more than `slack_m` [m],
     /// between the altitudes `z_m` [m] at its ends; `None` if it enters none.
-    #[must_use]
     pub fn entry(&self, from: &Position, to: &Position, z_m: [f64; 2], slack_m: f64) -> Option<f64> {
         let [from_m, to_m] = z_m;
         let z_m = from_m.min(to_m);
@@ -226,7 +218,6 @@ impl Airspace {
 
     /// The farthest point of the straight way from `from` to `to` [m] before it enters a zone, between the
     /// altitudes `z_m` [m] at its ends.
-    #[must_use]
     pub fn last_free(&self, from: &Position, to: &Position, z_m: [f64; 2]) -> Position {
         if !self.is_move(from, to) {
             return *from;
@@ -239,7 +230,6 @@ impl Airspace {
 
     /// The point that a UAV which comes from the start can fly to, nearest to `point` [m]: the point itself, or beside
     /// the zone that it lies in.
-    #[must_use]
     pub fn nearest(&self, point: &Position) -> Position {
         if self.is_open() {
             return *point;
@@ -273,7 +263,6 @@ impl Airspace {
     }
 
     /// Whether `point` [m] is free, and a way leads there from the start.
-    #[must_use]
     pub fn is_reachable(&self, point: &Position) -> bool {
         match &self.grid {
             Some(grid) => grid.is_reachable(point),
@@ -283,7 +272,6 @@ impl Airspace {
 
     /// The shortest way from `from` to `to` [m]: its bends, and `to`; where `to` lies in a zone, the nearest point
     /// beside it. Empty if no way leads there.
-    #[must_use]
     pub fn way(&self, from: &Position, to: &Position) -> Bends {
         if self.is_free(from, to) {
             return Bends::from_slice(&[*to]);
@@ -314,7 +302,6 @@ impl Airspace {
 
     /// The shortest way from `from` to `to`, up to where it comes within `radius_m` [m] of `centre`; empty if it does
     /// not.
-    #[must_use]
     pub fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
         if let Some(grid) = &self.grid {
             return grid.way_into(from, to, centre, radius_m);
@@ -342,7 +329,6 @@ impl Airspace {
     }
 
     /// Length of the shortest way [m]; infinite if there is none.
-    #[must_use]
     pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
         if self.is_free(from, to) {
             return (to - from).norm();
@@ -356,7 +342,6 @@ impl Airspace {
 
     /// Lengths of the shortest ways between all `points` [m], by rows; infinite where there is none. A point in a zone
     /// counts as the nearest one beside it.
-    #[must_use]
     pub fn distances_m(&self, points: &[Position]) -> Vec<f64> {
         let count = points.len();
         let points: Vec<Position> = points.iter().map(|point| self.nearest(point)).collect();
@@ -380,7 +365,6 @@ impl Airspace {
     /// free, otherwise a part of the shortest way. On a grid a move that is under way is flown to its end, and the next
     /// begins in its turn.
     #[inline]
-    #[must_use]
     pub fn slot_end(&self, slot: u64, from: &Position, to: &Position, reach_m: f64) -> Position {
         match &self.grid {
             Some(grid) => grid.slot_end(slot, from, to),
@@ -391,21 +375,18 @@ impl Airspace {
 
     /// The end of `slot` of a UAV at `from` that is under way on a grid, or hovers until the next move may begin [m];
     /// `None` where it may be told a waypoint.
-    #[must_use]
     pub fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
         self.grid.as_ref().and_then(|grid| grid.under_way(slot, from))
     }
 
     /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after
     /// them: on a grid a whole move.
-    #[must_use]
     pub fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
         self.grid.as_ref().map_or((1, *to), |grid| grid.committed(slot, from, to))
     }
 
     /// The end of a slot that flies up to `reach_m` [m] along the shortest way from `from` to `to`: the point at that
     /// length, or the first bend. Beyond a bend it flies straight on where that brings it nearer to the next one.
-    #[must_use]
     pub fn toward(&self, from: &Position, to: &Position, reach_m: f64) -> Position {
         let way = self.way(from, to);
         if way.is_empty() { *from } else { self.step(from, &way, reach_m).0 }
@@ -413,7 +394,6 @@ impl Airspace {
 
     /// The ends of the slots of [`Self::toward`] up to the end of the `way` from `from`, without those of its last
     /// straight part.
-    #[must_use]
     pub fn bent_part(&self, from: &Position, way: &[Position], reach_m: f64) -> Vec<Position> {
         let mut ends = Vec::new();
         let (mut at, mut rest) = (*from, way);

@@ -72,26 +72,22 @@ impl Polygon {
     }
 
     /// Its corners [m], with the forbidden side to the left.
-    #[must_use]
     pub fn corners(&self) -> &[Position] {
         &self.corners
     }
 
     /// The corners of its bounding box, south-west and north-east [m].
-    #[must_use]
     pub fn extent(&self) -> [Position; 2] {
         [self.lowest, self.highest]
     }
 
     /// The part of its bounding box that it fills.
-    #[must_use]
     pub fn filled(&self) -> f64 {
         let sides = self.highest - self.lowest;
         self.twice_m2().abs() / 2.0 / (sides.x * sides.y)
     }
 
     /// Whether what is forbidden is the outside.
-    #[must_use]
     pub fn is_border(&self) -> bool {
         self.is_border
     }
@@ -145,7 +141,6 @@ impl Polygon {
     }
 
     /// Whether `point` [m] lies within the polygon, by the crossings of a ray; on an edge it is either.
-    #[must_use]
     pub fn encloses(&self, point: &Position) -> bool {
         let crossings = edges(&self.corners).filter(|[a, b]| {
             (a.y > point.y) != (b.y > point.y) && point.x < a.x + (point.y - a.y) / (b.y - a.y) * (b.x - a.x)
@@ -154,7 +149,6 @@ impl Polygon {
     }
 
     /// Whether `point` [m] is forbidden, and deeper than `slack_m` [m].
-    #[must_use]
     pub fn forbids(&self, point: &Position, slack_m: f64) -> bool {
         let is_near = || {
             let margin = nalgebra::Vector2::repeat(slack_m);
@@ -174,7 +168,6 @@ impl Polygon {
     }
 
     /// The point of the boundary that is nearest to `point` [m].
-    #[must_use]
     pub fn nearest(&self, point: &Position) -> Position {
         let nearest = self.projections(point).min_by(|a, b| {
             let away_m2 = |projected: &Position| distance_squared(projected, point);
@@ -190,7 +183,6 @@ impl Polygon {
     }
 
     /// The points at which its boundary crosses that of `other` [m].
-    #[must_use]
     pub fn crossings(&self, other: &Self) -> Vec<Position> {
         let is_near = self.lowest.sup(&other.lowest) <= self.highest.inf(&other.highest);
         let pairs = edges(&self.corners).filter(|_| is_near);
@@ -207,7 +199,6 @@ impl Polygon {
 
     /// The fraction of the straight way from `from` to `to` [m] at which it becomes forbidden, by more than `slack_m`
     /// [m]; `None` if it does not. With `may_leave`, a way that begins at a forbidden point may leave it.
-    #[must_use]
     pub fn entry(&self, from: &Position, to: &Position, slack_m: f64, mut may_leave: bool) -> Option<f64> {
         if !self.is_border {
             let is_apart = |axis: usize| {

@@ -38,7 +38,6 @@ impl ArrivalLaw {
     }
 
     /// Whether the bits of a slot are at random.
-    #[must_use]
     pub fn is_random(&self) -> bool {
         *self != Self::Constant
     }
@@ -47,7 +46,6 @@ impl ArrivalLaw {
     ///
     /// For on-off with correlation `ρ = 1 − 1/on − 1/off` from slot to slot it is `r² π(1−π) [n(1+ρ)/(1−ρ) −
     /// 2ρ(1−ρⁿ)/(1−ρ)²]`, where `r` is the rate while on and `π` the fraction of time on.
-    #[must_use]
     pub fn variance_bits2(&self, mean_bits: f64, slots: f64) -> f64 {
         match *self {
             Self::Constant => 0.0,
@@ -64,7 +62,6 @@ impl ArrivalLaw {
     }
 
     /// Variance of the bits of many slots divided by their mean [bit], at `mean_bits` [bit] per slot.
-    #[must_use]
     pub fn dispersion_bits(&self, mean_bits: f64) -> f64 {
         match *self {
             Self::Constant => 0.0,

@@ -86,7 +86,6 @@ impl ArrivalTrace {
     }
 
     /// The trace as a CSV file.
-    #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = COLUMNS.join(",") + "\n";
         for Arrival { slot, sensor, bits } in &self.rows[..] {
@@ -96,7 +95,6 @@ impl ArrivalTrace {
     }
 
     /// The rows with bits, by slot and then by SN.
-    #[must_use]
     pub fn rows(&self) -> &[Arrival] {
         &self.rows
     }

@@ -43,14 +43,12 @@ impl Buildings {
     }
 
     /// Height of the sensor nodes [m].
-    #[must_use]
     pub fn sensors_height_m(&self) -> f64 {
         self.sensors_height_m
     }
 
     /// Whether a sensor node at `sensor` and a UAV at `uav` [m] see each other. A building that is as high as the UAV
     /// below it hides it.
-    #[must_use]
     pub fn sees(&self, sensor: &Position, uav: &Point3<f64>) -> bool {
         let sensor = Point3::new(sensor.x, sensor.y, self.sensors_height_m);
         let (lower, rise) = if uav.z < sensor.z { (*uav, sensor - uav) } else { (sensor, uav - sensor) };

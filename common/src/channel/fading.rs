@@ -182,21 +182,18 @@ impl Fading {
     }
 
     /// `E[log2(1 + γ g)]` [bit/s/Hz] of the signal-to-noise ratio `γ`, within 10^−6.
-    #[must_use]
     pub fn mean(&self, snr: f64) -> f64 {
         let snr = self.table.mean * snr;
         (snr.ln_1p() * LOG2_E - self.table.deficit(snr)[0]).max(0.0)
     }
 
     /// Slope of [`Self::mean`] by `ln γ`.
-    #[must_use]
     pub fn slope(&self, snr: f64) -> f64 {
         let snr = self.table.mean * snr;
         snr / (1.0 + snr) * LOG2_E - self.table.deficit(snr)[1]
     }
 
     /// The power gain of `sensor` in `slot`.
-    #[must_use]
     pub fn draw(&self, streams: &Streams, slot: u64, sensor: u32) -> f64 {
         let [along, across] = normal_pair(&mut streams.stream(Purpose::Fading, slot, sensor));
         let Law::Rician(k) = self.table.law else { return self.table.law.gain(along) };
@@ -205,7 +202,6 @@ impl Fading {
     }
 
     /// The highest power gain that can be drawn.
-    #[must_use]
     pub fn highest(&self) -> f64 {
         self.table.law.gain(self.table.law.highest())
     }

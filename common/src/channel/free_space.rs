@@ -55,7 +55,6 @@ pub struct FreeSpace {
 
 impl FreeSpace {
     /// Signal-to-noise ratio at 1 m, `γ = α p / σ²`, of a reference gain `α` (linear).
-    #[must_use]
     pub fn reference_snr(&self, gain: f64) -> f64 {
         gain * self.tx_power_w / self.noise_w
     }
@@ -63,7 +62,6 @@ impl FreeSpace {
     /// Shannon rate [bit/s] of one uplink (UTS eq. 4).
     ///
     /// `r = W log2(1 + α p / (σ² (H² + d²)))`. Finite at distance 0 because `H > 0`.
-    #[must_use]
     pub fn rate_bps(&self, uplink: &Uplink) -> f64 {
         let snr = self.reference_snr(uplink.gain) / (uplink.z_m * uplink.z_m + uplink.d2_m2);
         self.bandwidth_hz * (1.0 + snr).log2()

@@ -46,13 +46,11 @@ impl DrawnChannel {
     }
 
     /// The law of the draws.
-    #[must_use]
     pub fn law(&self) -> &Channel {
         &self.channel
     }
 
     /// The `uplink` of the sensor node `id` at the position `sensor` to the UAV at `uav`, in `slot`.
-    #[must_use]
     pub fn draw(&self, uplink: &Uplink, sensor: &Position, uav: &Point3<f64>, slot: u64, id: u32) -> Draw {
         match &self.channel {
             _ if self.waves.is_empty() => self.channel.draw(uplink, &self.streams, slot, id),

@@ -80,7 +80,6 @@ impl HeardLinks {
     /// What the law is expected to miss for the sensor node at `sensor` and the UAV at `uav` [m]:
     /// `Σ w_k e_k/(1 + Σ w_k)` with `w_k = e^{−d_k/l}` of the residuals `e_k` heard at the distances `d_k`; 0 where nothing
     /// was.
-    #[must_use]
     pub fn residual(&self, sensor: &Position, uav: &Point3<f64>) -> f64 {
         let residuals = self.residuals.read().unwrap_or_else(PoisonError::into_inner);
         let (mut weights, mut weighted) = (0.0, 0.0);
@@ -94,7 +93,6 @@ impl HeardLinks {
     }
 
     /// The state of a checkpoint.
-    #[must_use]
     pub fn saved(&self) -> SavedHeard {
         SavedHeard(self.residuals.read().unwrap_or_else(PoisonError::into_inner).clone())
     }
@@ -136,7 +134,6 @@ impl Channel {
 impl DrawnChannel {
     /// The SNR [dB] of the `uplink` of the sensor node `id` at the position `sensor` to the UAV at `uav`, in `slot`; with a
     /// line of sight after the gap of the modem. Minus infinity without a link, or an SNR.
-    #[must_use]
     pub fn snr_db(&self, uplink: &Uplink, sensor: &Position, uav: &Point3<f64>, slot: u64, id: u32) -> f64 {
         match self.law() {
             Channel::Map(model) => model.snr_db(uplink, self.map_residual(model, sensor, uav, slot, id)),

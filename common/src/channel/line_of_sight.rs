@@ -138,7 +138,6 @@ pub struct LineOfSight {
 
 impl LineOfSight {
     /// The curve of the probability; `None` among buildings.
-    #[must_use]
     pub fn curve(&self) -> Option<&LosCurve> {
         match &self.sight {
             Sight::Curve(curve) => Some(curve),
@@ -147,7 +146,6 @@ impl LineOfSight {
     }
 
     /// The map of buildings; `None` if line of sight is drawn.
-    #[must_use]
     pub fn buildings(&self) -> Option<&'static Buildings> {
         match self.sight {
             Sight::Curve(_) => None,
@@ -157,7 +155,6 @@ impl LineOfSight {
 
     /// Probability of line of sight, `P_L`, with what was heard of it ([`HeardLinks`](super::HeardLinks)), the level of an
     /// uplink; among buildings 0 or 1.
-    #[must_use]
     pub fn los_probability(&self, uplink: &Uplink) -> f64 {
         match &self.sight {
             Sight::Curve(curve) if uplink.level.is_finite() => {
@@ -186,13 +183,11 @@ impl LineOfSight {
     }
 
     /// Rate [bit/s] in line of sight, `R_L = W log2(1 + γ D^−α_L)`, `D² = d² + z²`; its mean over the fading.
-    #[must_use]
     pub fn los_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
         self.rate_bps(0, self.los_snr, self.los_exponent, d2_m2 + z_m * z_m)
     }
 
     /// Rate [bit/s] out of line of sight, `R_N = W log2(1 + μ γ D^−α_N)`; its mean over the fading.
-    #[must_use]
     pub fn nlos_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
         self.rate_bps(1, self.nlos_snr, self.nlos_exponent, d2_m2 + z_m * z_m)
     }
@@ -339,7 +334,6 @@ impl ChannelModel for LineOfSight {
 
 impl LosCurve {
     /// Probability of line of sight at the elevation angle `theta_deg` [deg], 0 to 1.
-    #[must_use]
     pub fn probability(&self, theta_deg: f64) -> f64 {
         match *self {
             Self::Sigmoid { a, b } => 1.0 / (1.0 + a * (-b * (theta_deg - a)).exp()),
@@ -348,7 +342,6 @@ impl LosCurve {
     }
 
     /// Slope of the probability at the elevation angle `theta_deg` [deg], `P_L'` [1/°].
-    #[must_use]
     pub fn slope(&self, theta_deg: f64) -> f64 {
         let probability = self.probability(theta_deg);
         match *self {

@@ -134,14 +134,12 @@ impl LinkMap {
     }
 
     /// The sensor nodes with a grid of their own, by id or name, and whether there is a grid for all others.
-    #[must_use]
     pub fn names(&self) -> (&[String], bool) {
         let has_others = self.names.first().is_some_and(String::is_empty);
         (&self.names[usize::from(has_others)..], has_others)
     }
 
     /// Whether [`Self::names`] can only be ids.
-    #[must_use]
     pub fn are_ids(&self) -> bool {
         self.are_ids
     }
@@ -155,19 +153,16 @@ impl LinkMap {
     }
 
     /// Whether it has the places of all sensor nodes with a grid of their own.
-    #[must_use]
     pub fn is_placed(&self) -> bool {
         self.names().0.len() == self.of_places.len()
     }
 
     /// Whether levels are rates, without SNRs.
-    #[must_use]
     pub fn has_rates(&self) -> bool {
         self.steps.is_none()
     }
 
     /// Number of grids, and of their points.
-    #[must_use]
     pub fn size(&self) -> [usize; 2] {
         [self.grids.len(), self.grids.iter().map(|grid| grid.levels.len()).sum()]
     }
@@ -193,19 +188,16 @@ impl LinkMap {
     }
 
     /// The positions of the UAV [m], east, north and up, in the grid of the sensor node at `sensor`; `None` without one.
-    #[must_use]
     pub fn axes_m(&self, sensor: &Position) -> Option<&[Vec<f64>; 3]> {
         self.grid(sensor).map(|grid| &grid.axes_m)
     }
 
     /// The level of the link of the sensor node at `sensor` to the UAV at `uav` [m].
-    #[must_use]
     pub fn level(&self, sensor: &Position, uav: &Point3<f64>) -> f64 {
         self.grid(sensor).map_or(NO_LINK, |grid| grid.level(uav))
     }
 
     /// The highest level of the sensor node at `sensor`, wherever the UAV is.
-    #[must_use]
     pub fn highest_level(&self, sensor: &Position) -> f64 {
         self.grid(sensor).map_or(NO_LINK, |grid| grid.highest)
     }
@@ -315,7 +307,6 @@ impl MapChannel {
     }
 
     /// The draw with a standard normal `residual`.
-    #[must_use]
     pub fn draw_at(&self, uplink: &Uplink, residual: f64) -> Draw {
         let level = self.snr_db(uplink, residual);
         Draw { line_of_sight: level > NO_LINK, rate_bps: self.map.rate_bps(level) }

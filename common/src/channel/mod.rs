@@ -220,7 +220,6 @@ impl Channel {
     }
 
     /// The model that is in or out of line of sight; `None` for others.
-    #[must_use]
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
             Self::LineOfSight(model) => Some(model),
@@ -229,7 +228,6 @@ impl Channel {
     }
 
     /// The map of links, where its places are known; `None` for other channels.
-    #[must_use]
     #[inline]
     pub fn map(&self) -> Option<&MapChannel> {
         match self {
@@ -239,7 +237,6 @@ impl Channel {
     }
 
     /// Whether links of the same length differ by place: among buildings, or by a map.
-    #[must_use]
     #[inline]
     pub fn depends_on_place(&self) -> bool {
         self.map().is_some() || self.buildings().is_some()
@@ -255,13 +252,11 @@ impl Channel {
     }
 
     /// The model whose line of sight is random; `None` for others.
-    #[must_use]
     pub fn random_sight(&self) -> Option<&LineOfSight> {
         self.line_of_sight().filter(|model| model.buildings().is_none())
     }
 
     /// The uplink of a sensor node with `gain` at the position `sensor`, to the UAV at `uav`.
-    #[must_use]
     #[inline]
     pub fn uplink(&self, gain: f64, sensor: &Position, uav: &Point3<f64>) -> Uplink {
         if self.depends_on_place() { self.uplink_by_place(gain, sensor, uav) } else { Uplink::new(gain, sensor, uav) }
@@ -279,14 +274,12 @@ impl Channel {
 
     /// The uplink of a sensor node with `gain` at the squared horizontal distance `d2_m2` [m²], to the UAV at the
     /// altitude `z_m` [m], in sight of each other.
-    #[must_use]
     #[inline]
     pub fn uplink_at(&self, gain: f64, d2_m2: f64, z_m: f64) -> Uplink {
         Uplink::at(gain, d2_m2, z_m - self.buildings().map_or(0.0, Buildings::sensors_height_m))
     }
 
     /// Whole bits that an uplink of `rate_bps` [bit/s] carries in one slot: `floor(r τ_c)` (UTS eq. 7).
-    #[must_use]
     #[inline]
     pub fn capacity_bits(&self, rate_bps: f64) -> u64 {
         let comm_s = match self {
@@ -299,7 +292,6 @@ impl Channel {
     }
 
     /// The buildings that decide on line of sight; `None` for other channels.
-    #[must_use]
     #[inline]
     pub fn buildings(&self) -> Option<&'static Buildings> {
         self.line_of_sight().and_then(LineOfSight::buildings)
@@ -319,7 +311,6 @@ pub enum Sharing {
 
 impl LinkBudget {
     /// The time for communication [s] of one of `served` SNs in a slot, in a contact that `is_new` (decision D39).
-    #[must_use]
     pub fn contact_s(&self, served: usize, is_new: bool) -> f64 {
         let setup_s = self.setup_s.filter(|_| is_new).unwrap_or(0.0);
         let shares = if self.sharing == Some(Sharing::Equal) { served.max(1) as f64 } else { 1.0 };
@@ -327,13 +318,11 @@ impl LinkBudget {
     }
 
     /// The link as plans reckon with it: every contact is new, and as many SNs as possible share a slot.
-    #[must_use]
     pub fn planned(&self) -> Self {
         Self { comm_s: self.contact_s(self.resource_blocks, true), ..self.clone() }
     }
 
     /// Noise power, `σ²` [W].
-    #[must_use]
     pub fn noise_w(&self) -> f64 {
         match self.noise_dbm_per_hz {
             Some(density_dbm) => watts_of_dbm(density_dbm) * self.bandwidth_hz,
@@ -342,7 +331,6 @@ impl LinkBudget {
     }
 
     /// Whether line of sight stays for the mission.
-    #[must_use]
     pub fn stays_in_sight(&self) -> bool {
         self.los_correlation_m.is_some_and(|correlation_m| correlation_m > 0.0)
     }
@@ -353,13 +341,11 @@ impl LinkBudget {
     }
 
     /// Range [dB] of the reference gain at 1 m; in the probabilistic model, which has one gain, both ends are `β0`.
-    #[must_use]
     pub fn gain_range_db(&self) -> [f64; 2] {
         self.gain_db.map_or([self.reference_gain_db.unwrap_or_default(); 2], Interval::ends)
     }
 
     /// The law of a planner without the map, if the link has one.
-    #[must_use]
     pub fn law(&self) -> Option<LinkLaw> {
         let exponent = self.law_exponent.unwrap_or(LAW_EXPONENT);
         self.law_snr_db.map(|snr_db| LinkLaw { snr_db, exponent, is_heard: false })

@@ -61,7 +61,6 @@ impl Uplink {
     }
 
     /// Elevation angle `θ` [deg] of the UAV as seen from the sensor node.
-    #[must_use]
     pub fn elevation_deg(&self) -> f64 {
         elevation_deg(self.d2_m2, self.z_m)
     }

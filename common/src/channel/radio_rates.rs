@@ -34,7 +34,6 @@ impl Radio {
     }
 
     /// The distance [m] at which the mean level is the sensitivity of `step`.
-    #[must_use]
     pub fn range_m(&self, loss: &PathLoss, step: &RateStep) -> f64 {
         let spare_db = self.level_dbm(loss, 1.0) - step.sensitivity_dbm;
         10f64.powf(spare_db / (10.0 * loss.exponent))
@@ -48,7 +47,6 @@ impl Radio {
     }
 
     /// The largest horizontal distance [m] with a rate for a UAV at the altitude `altitude_m` [m]; `None` without one.
-    #[must_use]
     pub fn comm_radius_m(&self, loss: &PathLoss, altitude_m: f64) -> Option<f64> {
         self.step_m(loss, &self.steps[0], altitude_m).filter(|&radius_m| radius_m > 0.0)
     }
@@ -64,7 +62,6 @@ impl Radio {
     ///
     /// # Panics
     /// If altitudes are not ascending, or the exponent is not above 0.
-    #[must_use]
     pub fn table(&self, loss: &PathLoss, altitudes_m: &[f64]) -> RateTable {
         let has_shadowing = loss.sigma_db > 0.0;
         let steps = altitudes_m

@@ -94,7 +94,6 @@ impl RateTable {
     }
 
     /// Distances [m], altitudes [m] and probabilities of the grid, each ascending.
-    #[must_use]
     pub fn axes(&self) -> [&[f64]; 3] {
         [&self.distances_m, &self.altitudes_m, &self.probabilities]
     }
@@ -129,7 +128,6 @@ impl RateTable {
     }
 
     /// The table as a CSV file; floats round-trip exactly.
-    #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = COLUMNS.join(",") + "\n";
         let mut rates_bps = self.rates_bps.iter();

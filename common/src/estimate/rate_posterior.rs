@@ -41,13 +41,11 @@ impl RatePosterior {
     }
 
     /// Mean [bit per slot].
-    #[must_use]
     pub fn mean_bits(&self) -> f64 {
         self.shape / self.rate
     }
 
     /// Standard deviation [bit per slot].
-    #[must_use]
     pub fn sd_bits(&self) -> f64 {
         self.shape.sqrt() / self.rate
     }

@@ -22,7 +22,6 @@ pub struct SavedEstimate {
 
 impl Estimate {
     /// The state for a checkpoint.
-    #[must_use]
     pub fn saved(&self) -> SavedEstimate {
         SavedEstimate {
             observed: self.observed,

@@ -94,7 +94,6 @@ fn is_point(extent: Vector2<f64>) -> bool {
 impl FieldPlaces<'_> {
     /// Probably unintended, a line each: all SNs stand within a metre, a side of the area is 100 km or longer, and
     /// more.
-    #[must_use]
     pub fn doubts(&self) -> Vec<String> {
         let [width_m, height_m] = self.sides_m;
         let mut doubts = Vec::new();

@@ -66,7 +66,6 @@ impl Projection {
     /// `P = F + u n`, with the point F of the plane and its unit normal n, both Earth-centred, and u the root nearest 0
     /// of `|S(F + u n)|² = 1`, `S = diag(1/a, 1/a, 1/b)`. On the ellipsoid `tan φ = (a/b)² z/√(x² + y²)` and
     /// `tan λ = y/x` (Torge and Müller, "Geodesy", 4th ed., 2012, chapter 4, with `1 − e² = (b/a)²`).
-    #[must_use]
     pub fn unproject(&self, position: &Position) -> Option<GeodeticPosition> {
         let [a_m, b_m] = SEMI_AXES_M;
         let scaled = |vector: Vector3<f64>| vector.component_div(&Vector3::new(a_m, a_m, b_m));

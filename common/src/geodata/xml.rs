@@ -103,19 +103,16 @@ impl XmlElement {
     }
 
     /// The text of the first element of this name in it; `None` without such an element, or if it is empty.
-    #[must_use]
     pub fn text_of(&self, name: &str) -> Option<&str> {
         self.children.iter().find(|child| child.name == name).and_then(Self::text)
     }
 
     /// Its text without the blanks around it; `None` if it has none.
-    #[must_use]
     pub fn text(&self) -> Option<&str> {
         Some(self.text.trim()).filter(|text| !text.is_empty())
     }
 
     /// The value of an attribute without the blanks around it; `None` if it is missing or empty.
-    #[must_use]
     pub fn attribute(&self, name: &str) -> Option<&str> {
         let found = self.attributes.iter().find(|(own, _)| own == name);
         found.map(|(_, value)| value.trim()).filter(|value| !value.is_empty())

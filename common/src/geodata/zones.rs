@@ -117,13 +117,11 @@ impl Zone {
     }
 
     /// Its name in messages, with its file `path`.
-    #[must_use]
     pub fn name(&self, path: &Path) -> String {
         self.refusal(path, "").to_string().trim_end_matches(": ").to_owned()
     }
 
     /// The error for this zone of the file `path`.
-    #[must_use]
     pub fn refusal(&self, path: &Path, expected: &str) -> InputError {
         InputError::new(WHAT, path, format_args!("{}: {expected}", self.place))
     }

@@ -71,7 +71,6 @@ pub struct Only {
 
 impl Only {
     /// Whether `table` meets the condition.
-    #[must_use]
     pub fn holds(&self, table: &Table) -> bool {
         table.get(self.key).and_then(Value::as_str).is_some_and(|value| self.values.contains(&value))
     }
@@ -128,7 +127,6 @@ impl Accepts {
     }
 
     /// The keys of the table.
-    #[must_use]
     pub const fn inner(&self) -> Option<&'static [Key]> {
         match self {
             Self::TableOf(keys) => Some(keys),
@@ -137,7 +135,6 @@ impl Accepts {
     }
 
     /// What is expected, for messages and for the book.
-    #[must_use]
     pub fn expected(&self) -> String {
         match self {
             Self::Number(expected, _)
@@ -166,7 +163,6 @@ impl Accepts {
     }
 
     /// What is expected instead of `value`; `None` if it is accepted, or is of a type that the reader refuses.
-    #[must_use]
     pub fn refusal(&self, value: &Value) -> Option<String> {
         match self {
             Self::Number(_, is_accepted) => (!is_accepted(number(value)?)).then(|| self.expected()),

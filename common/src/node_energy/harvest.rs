@@ -57,7 +57,6 @@ impl HarvestTrace {
     }
 
     /// The file, with its rows by SN and slot. Floats round-trip exactly.
-    #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = COLUMNS.join(",") + "\n";
         for HarvestRow { slot, sensor, harvest_w } in &self.rows[..] {
@@ -68,7 +67,6 @@ impl HarvestTrace {
     }
 
     /// The power of SN `sensor` in `slot` [W]; `None` before its first row.
-    #[must_use]
     pub fn harvest_w(&self, slot: u64, sensor: usize) -> Option<f64> {
         let sensor = u32::try_from(sensor).ok();
         let [own, end] =

@@ -108,7 +108,6 @@ pub const NAMES: &[&str] = super::names::names!(DRONES);
 
 impl Drone {
     /// The keys of the scenario that it writes, with their values.
-    #[must_use]
     pub fn keys(&self) -> [(&'static str, f64); 11] {
         let weight_n = GRAVITY_MPS2 * self.mass_kg;
         let hover_induced_mps = (weight_n / (2.0 * AIR_DENSITY_KGPM3 * self.disc_m2)).sqrt();

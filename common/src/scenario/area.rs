@@ -60,7 +60,6 @@ crate::keys! {
 
 impl NoFlyKeys {
     /// Its corners [m]; none if it is a file, which a checked scenario has replaced by polygons.
-    #[must_use]
     pub fn corners(&self) -> &[[f64; 2]] {
         self.polygon_m.as_deref().unwrap_or_default()
     }
@@ -96,37 +95,31 @@ impl Area {
     }
 
     /// Extent in x [m].
-    #[must_use]
     pub fn width_m(&self) -> f64 {
         self.width_m.or(self.side_m).unwrap_or(f64::NAN)
     }
 
     /// Extent in y [m].
-    #[must_use]
     pub fn height_m(&self) -> f64 {
         self.height_m.or(self.side_m).unwrap_or(f64::NAN)
     }
 
     /// Its south-west corner on the ellipsoid; `None` without geodetic coordinates.
-    #[must_use]
     pub fn origin(&self) -> Option<Origin> {
         Some(Origin { lat_deg: self.origin_lat_deg?, lon_deg: self.origin_lon_deg? })
     }
 
     /// The polygon that the UAV must not leave, if there is one.
-    #[must_use]
     pub fn border(&self) -> Option<Polygon> {
         Polygon::of(self.boundary_m.as_ref()?, true).ok()
     }
 
     /// Farthest that zones grow where they have many corners [m].
-    #[must_use]
     pub fn simplify_m(&self) -> f64 {
         self.simplify_m.unwrap_or(SIMPLIFY_M)
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.
-    #[must_use]
     pub fn contains(&self, position: &Position, slack_m: f64) -> bool {
         (-slack_m..=self.width_m() + slack_m).contains(&position.x)
             && (-slack_m..=self.height_m() + slack_m).contains(&position.y)

@@ -56,13 +56,11 @@ crate::keys! {
 
 impl SiteKeys {
     /// Its radius [m].
-    #[must_use]
     pub fn radius_m(&self) -> f64 {
         self.radius_m.unwrap_or(1.0)
     }
 
     /// What it gives to a UAV that stays in it, in slots of `slot_s` [s].
-    #[must_use]
     pub fn charger(&self, slot_s: f64) -> Charger {
         Charger {
             charge_w: self.charge_w.unwrap_or_default(),

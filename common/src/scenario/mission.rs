@@ -148,14 +148,12 @@ impl Scenario {
     ///
     /// # Panics
     /// Never: a scenario consists of tables of numbers and strings.
-    #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
     }
 
     /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
     /// [`TRACE`], harvested power in [`HARVEST`], and a table of rates or a map of links in [`CHANNEL`], with [`RATES`]. Presets are expanded.
-    #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
         if let Some(ArrivalKeys { file: Some(file), .. }) = &mut sensors.arrivals {
@@ -181,7 +179,6 @@ impl Scenario {
     }
 
     /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
-    #[must_use]
     pub fn hash(&self) -> u64 {
         let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
         let keys = hash(0, self.to_toml_with_list(""));
@@ -194,7 +191,6 @@ impl Scenario {
     }
 
     /// The file of the channel; `None` if it is not that of a file.
-    #[must_use]
     pub(crate) fn channel_file(&self) -> Option<PathBuf> {
         let is_own = self.link.model == LinkModel::Table && self.link.preset.is_none();
         let file = self.link.file.as_ref().filter(|_| is_own);
@@ -202,19 +198,16 @@ impl Scenario {
     }
 
     /// The file of the sensor list; `None` if the list is drawn.
-    #[must_use]
     pub fn sensor_file(&self) -> Option<PathBuf> {
         self.sensors.file.as_ref().map(|file| self.beside(file))
     }
 
     /// The file of the arrivals; `None` if they are not those of a file.
-    #[must_use]
     pub fn trace_file(&self) -> Option<PathBuf> {
         self.sensors.arrivals.as_ref()?.file.as_ref().map(|file| self.beside(file))
     }
 
     /// The law of the arrivals, which a planner knows.
-    #[must_use]
     pub fn arrival_law(&self) -> ArrivalLaw {
         ArrivalLaw::of(self.sensors.arrivals.as_ref(), self.slot_s)
     }
@@ -225,13 +218,11 @@ impl Scenario {
     }
 
     /// Start of the first UAV [m].
-    #[must_use]
     pub fn start(&self) -> Point3<f64> {
         self.start_of(0)
     }
 
     /// Start of the UAV number `uav` [m].
-    #[must_use]
     pub fn start_of(&self, uav: usize) -> Point3<f64> {
         let own_m = self.uav.starts_m.as_ref().and_then(|starts_m| starts_m.get(uav)).copied();
         let [x_m, y_m] = own_m.or(self.uav.start_m).unwrap_or([f64::NAN; 2]);
@@ -244,13 +235,11 @@ impl Scenario {
     }
 
     /// The own endurance of the UAV number `uav` [s]; `None` if it has that of all.
-    #[must_use]
     pub fn endurance_s_of(&self, uav: usize) -> Option<f64> {
         self.uav.endurances_s.as_ref()?.get(uav).copied()
     }
 
     /// The last slot that the UAV number `uav` flies in: that of the mission, or where its own endurance ends.
-    #[must_use]
     pub fn slots_of(&self, uav: usize) -> u64 {
         let own =
             self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
@@ -259,7 +248,6 @@ impl Scenario {
 
     /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one
     /// UAV.
-    #[must_use]
     pub fn of_uav(&self, uav: usize) -> Self {
         let mut alone = self.clone();
         if self.uav.uavs() > 1 {
@@ -273,13 +261,11 @@ impl Scenario {
     }
 
     /// Whether the UAV has to be in the base at the end of the mission.
-    #[must_use]
     pub fn must_land(&self) -> bool {
         self.uav.must_land == Some(true)
     }
 
     /// The lowest and the highest altitude that can be reached in one slot from `altitude_m` [m].
-    #[must_use]
     pub fn altitudes_m(&self, altitude_m: f64) -> [f64; 2] {
         self.uav.climb().map_or([altitude_m; 2], |climb| {
             let step_m = climb.max_climb_mps * self.slot_s;
@@ -328,7 +314,6 @@ impl Scenario {
     }
 
     /// The error for the `value` of `key`.
-    #[must_use]
     pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> InputError {
         self.source().refusal(key, value, expected)
     }

@@ -24,28 +24,24 @@ const GRID_SLACK: f64 = 1e-8;
 impl Scenario {
     /// Horizontal distance that a slot reaches in every direction, for plans [m]: `V_max τ`, or less with wind and
     /// acceleration.
-    #[must_use]
     pub fn reach_m(&self) -> f64 {
         let hop_m = self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm());
         self.uav.grid_m().map_or(hop_m, |cell_m| cell_m / slots_of_move(cell_m, hop_m))
     }
 
     /// Slots of a move to a neighbouring cell of the grid (decision D17a); 1 without one.
-    #[must_use]
     pub fn move_slots(&self) -> u64 {
         let hop_m = self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm());
         self.uav.grid_m().map_or(1, |cell_m| slots_of_move(cell_m, hop_m) as u64)
     }
 
     /// Length of a move [m]: of a cell of the grid, or without one as far as a slot reaches.
-    #[must_use]
     pub fn move_m(&self) -> f64 {
         self.uav.grid_m().unwrap_or_else(|| self.reach_m())
     }
 
     /// Whether a move takes several slots in which its UAV, between cells, is less than `distance_m` [m] from others that
     /// keep this distance from its end.
-    #[must_use]
     pub fn is_near_between_cells(&self, distance_m: f64) -> bool {
         self.uav.grid_m().is_some_and(|cell_m| distance_m > cell_m * FRAC_1_SQRT_2 && self.move_slots() > 1)
     }
@@ -59,7 +55,6 @@ impl Scenario {
     }
 
     /// Farthest horizontal flight in a slot in any direction, for bounds [m]: with the wind.
-    #[must_use]
     pub fn farthest_m(&self) -> f64 {
         let hop_m = self.hop_m(self.uav.max_speed_mps + self.wind_mps().norm());
         self.uav.grid_m().map_or(hop_m, |_| self.reach_m())
@@ -69,13 +64,11 @@ impl Scenario {
     ///
     /// The limit of speed holds relative to the air. Without acceleration that is the disk of radius `V_max τ` about
     /// `from + wind τ`.
-    #[must_use]
     pub fn reaches(&self, from: &Position, to: &Position) -> bool {
         within(from, to, self.reach_along_m(&(to - from)))
     }
 
     /// The farthest end of a slot on the way from `from` to `to`: `to`, if it is in reach.
-    #[must_use]
     pub fn end_toward(&self, from: &Position, to: &Position) -> Position {
         let away = to - from;
         let fraction = self.reach_along_m(&away) / away.norm();
@@ -83,7 +76,6 @@ impl Scenario {
     }
 
     /// The wind over ground [m/s].
-    #[must_use]
     pub fn wind_mps(&self) -> Vector2<f64> {
         self.uav.wind_mps.map_or_else(Vector2::zeros, Vector2::from)
     }
@@ -102,7 +94,6 @@ impl Scenario {
 
     /// Time of a leg of `leg_m` [m] in still air [s]; with an acceleration from rest to rest. The inverse of the reach of
     /// a slot (decision D31).
-    #[must_use]
     pub fn leg_s(&self, leg_m: f64) -> f64 {
         let speed_mps = self.uav.max_speed_mps;
         match self.uav.acceleration_mps2 {

@@ -57,7 +57,6 @@ crate::keys! {
 
 impl SensorKeys {
     /// Whether the arrivals are those of a file.
-    #[must_use]
     pub fn has_trace(&self) -> bool {
         self.arrivals.as_ref().is_some_and(|arrivals| arrivals.model == ArrivalModel::Trace)
     }

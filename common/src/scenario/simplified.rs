@@ -47,7 +47,6 @@ impl Scenario {
     ///
     /// # Panics
     /// If a zone is no polygon; never in a checked scenario.
-    #[must_use]
     pub fn simplified_zones(&self) -> SimplifiedZones {
         let area = &self.area;
         let of_no_fly = area.no_fly.iter().flatten().map(|zone| zone.corners().len());

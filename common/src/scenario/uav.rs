@@ -112,25 +112,21 @@ pub struct Climb {
 
 impl UavKeys {
     /// Number of UAVs.
-    #[must_use]
     pub fn uavs(&self) -> usize {
         self.count.map_or(1, |count| count as usize)
     }
 
     /// The side of the cells of the grid [m]; `None` if the UAV flies freely.
-    #[must_use]
     pub fn grid_m(&self) -> Option<f64> {
         self.cell_m.filter(|_| self.moves == Some(Moves::Grid))
     }
 
     /// The altitude of all waypoints [m]; `None` if it is free.
-    #[must_use]
     pub fn fixed_altitude_m(&self) -> Option<f64> {
         self.climb().is_none().then_some(self.altitude_m)
     }
 
     /// The limits of a free altitude; `None` if the altitude is fixed.
-    #[must_use]
     pub fn climb(&self) -> Option<Climb> {
         let climb = Climb {
             min_altitude_m: self.min_altitude_m?,

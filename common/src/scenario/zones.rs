@@ -221,7 +221,6 @@ fn check_areas(scenario: &Scenario) -> Result<(), InputError> {
 impl Scenario {
     /// Where the UAV may fly at its lowest altitude. The shortest ways between corners take time
     /// by the square of their number, when they are first asked for.
-    #[must_use]
     pub fn airspace(&self) -> Airspace {
         let airspace = self.airspace_without_ways();
         let start = self.start().xy();
@@ -232,13 +231,11 @@ impl Scenario {
     }
 
     /// The airspace for checks of the flights of single slots.
-    #[must_use]
     pub fn airspace_of_slots(&self) -> Airspace {
         if self.uav.grid_m().is_some() { self.airspace() } else { self.airspace_without_ways() }
     }
 
     /// The base; `None` if the scenario has none. A polygon that is none is left out; a checked scenario has no such.
-    #[must_use]
     pub fn landing_base(&self) -> Option<Base> {
         let keys = self.base.as_ref()?;
         if let Some(sites) = &keys.site {
@@ -265,7 +262,6 @@ impl Scenario {
     ///
     /// # Panics
     /// If a zone is no polygon; never in a checked scenario.
-    #[must_use]
     pub fn airspace_without_ways(&self) -> Airspace {
         let area = &self.area;
         let lowest_m = self.uav.climb().map_or(self.uav.altitude_m, |climb| climb.min_altitude_m);

@@ -122,7 +122,6 @@ impl Grid {
     }
 
     /// The ids of the `count` points nearest to `centre`, nearest first, ties by the lowest id.
-    #[must_use]
     pub fn nearest(&self, centre: &Position, count: usize) -> Vec<u32> {
         let count = count.min(self.nodes.len());
         let widest_m = self.side_m * (self.columns + self.rows) as f64;

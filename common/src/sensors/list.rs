@@ -177,7 +177,6 @@ impl SensorList {
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
-    #[must_use]
     pub fn hash(&self, scenario_hash: u64) -> u64 {
         let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
         let listed = hash(scenario_hash, self.to_csv());
@@ -198,7 +197,6 @@ impl SensorList {
     }
 
     /// The arrivals, if they are those of a file.
-    #[must_use]
     pub fn trace(&self) -> Option<&ArrivalTrace> {
         self.trace.as_ref()
     }
@@ -206,7 +204,6 @@ impl SensorList {
     /// The list as a CSV file with all columns: that of buffers if one is not that of the scenario, that of weights if
     /// one is not 1, that of the ground if the list had it, and that of names if there are some. Floats round-trip
     /// exactly.
-    #[must_use]
     pub fn to_csv(&self) -> String {
         let has_buffers = self.has_own_buffers;
         let has_weights = self.has_own_weights();
@@ -261,7 +258,6 @@ impl SensorList {
     }
 
     /// The name of sensor node `id`; `None` if it has none.
-    #[must_use]
     pub fn name(&self, id: usize) -> Option<&str> {
         self.names.get(id).map(String::as_str).filter(|name| !name.is_empty())
     }
@@ -272,44 +268,37 @@ impl SensorList {
     }
 
     /// The name of sensor node `id`, or `SN id` if it has none.
-    #[must_use]
     pub fn label(&self, id: usize) -> String {
         self.name(id).map_or_else(|| format!("SN {id}"), str::to_owned)
     }
 
     /// The sensor nodes, by id.
-    #[must_use]
     pub fn sensors(&self) -> &[Sensor] {
         &self.sensors
     }
 
     /// The altitude of the ground at each sensor node [m], above the same level, by id; empty if the list does not have
     /// it.
-    #[must_use]
     pub fn ground_m(&self) -> &[f64] {
         &self.ground_m
     }
 
     /// Whether a sensor node has a weight other than 1.
-    #[must_use]
     pub fn has_own_weights(&self) -> bool {
         self.sensors.iter().any(|sensor| sensor.weight != 1.0)
     }
 
     /// The weights of the sensor nodes (decision D25).
-    #[must_use]
     pub fn weights(&self, sampling: &Sampling) -> Weights {
         Weights::new(self.sensors.iter().map(|sensor| sensor.weight).collect(), sampling)
     }
 
     /// The queues before slot 1 [bit], by id.
-    #[must_use]
     pub fn queues_bits(&self) -> Vec<u32> {
         self.sensors.iter().map(|sensor| sensor.queue_bits).collect()
     }
 
     /// The sampling of the sensor nodes in the slots of their scenario, with the arrivals that are drawn from its seed.
-    #[must_use]
     pub fn sampling(&self, scenario: &Scenario) -> Sampling {
         let mean_bits = self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).collect();
         let streams = Streams::new(scenario.seed);
@@ -320,7 +309,6 @@ impl SensorList {
     }
 
     /// The batteries before slot 1; `None` if the sensor nodes have none.
-    #[must_use]
     pub fn charges(&self, scenario: &Scenario) -> Option<Charges> {
         let batteries: Vec<NodeBattery> = self.sensors.iter().filter_map(|sensor| sensor.battery).collect();
         let positions = self.sensors.iter().map(|sensor| sensor.position);
@@ -330,7 +318,6 @@ impl SensorList {
     }
 
     /// The ledger before slot 1.
-    #[must_use]
     pub fn ledger(&self, scenario: &Scenario) -> Ledger {
         Ledger::new(self.sampling(scenario), self.queues_bits())
             .with_charges(self.charges(scenario))
@@ -338,13 +325,11 @@ impl SensorList {
     }
 
     /// The sensor nodes with what they sample: the truth, which a planner does not know.
-    #[must_use]
     pub fn sensors_of(&self, scenario: &Scenario) -> Sensors {
         Sensors { sampling: self.sampling(scenario), ..Sensors::of(scenario, &self.nodes()) }
     }
 
     /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.
-    #[must_use]
     pub fn slot_bits(&self, scenario: &Scenario) -> f64 {
         self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
     }
@@ -357,7 +342,6 @@ impl SensorList {
 
     /// Bits that all sensor nodes sample in the mission, of which a loss rate is a fraction: their mean if arrivals are
     /// constant (decision D3), otherwise those that are drawn (decision D24); with [`Self::expiring_bits`].
-    #[must_use]
     pub fn mission_bits(&self, scenario: &Scenario) -> f64 {
         let sampling = self.sampling(scenario);
         if sampling.is_drawn() {
@@ -369,7 +353,6 @@ impl SensorList {
     }
 
     /// The list as published on the topic `sensors`.
-    #[must_use]
     pub fn nodes(&self) -> Vec<SensorNode> {
         let node = |sensor: &Sensor| SensorNode {
             x_m: sensor.position.x,

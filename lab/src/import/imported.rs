@@ -171,7 +171,6 @@ impl Imported {
     }
 
     /// The sensor list (CSV) of Skysink with all positions translated by `shift` [m or °].
-    #[must_use]
     pub fn to_csv(&self, shift: [f64; 2]) -> String {
         let axes = match self.frame {
             Frame::Plane => ["x_m", "y_m"],
@@ -187,7 +186,6 @@ impl Imported {
     }
 
     /// The lower and upper corner of the bounding box.
-    #[must_use]
     pub fn bounds(&self) -> [[f64; 2]; 2] {
         let fold = |start: f64, pick: fn(f64, f64) -> f64| {
             [0, 1].map(|axis| self.sensors.iter().map(|sensor| sensor.position[axis]).fold(start, pick))

@@ -91,7 +91,6 @@ impl MapGrid {
     }
 
     /// The position of a node [m].
-    #[must_use]
     pub fn position(&self, node: usize) -> Position {
         let [columns, _] = self.nodes;
         Position::new((node % columns) as f64, (node / columns) as f64) * self.step_m
@@ -104,7 +103,6 @@ impl MapGrid {
     }
 
     /// Positions to the east, to the north and up [m].
-    #[must_use]
     pub fn axes_m(&self) -> [Vec<f64>; 3] {
         let along_m =
             |axis: usize| (0..self.nodes[axis]).map(|node| (node as f64 * self.step_m * 1e3).round() / 1e3).collect();
@@ -193,7 +191,6 @@ impl Measured {
     }
 
     /// Number of bins of all sensor nodes.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.bins.iter().map(Vec::len).sum()
     }
@@ -204,13 +201,11 @@ impl Measured {
     }
 
     /// The law of all bins, whatever the sensor node.
-    #[must_use]
     pub fn law(&self) -> FittedLaw {
         LawSums::of(self.bins.iter().flatten()).law()
     }
 
     /// Standard deviation of SNRs about the mean of their bin [dB]; `None` if no bin has several.
-    #[must_use]
     pub fn residual_db(&self) -> Option<f64> {
         let bins = || self.bins.iter().flatten();
         let freedom: usize = bins().map(|bin| bin.count - 1).sum();
@@ -241,7 +236,6 @@ impl Measured {
     }
 
     /// The SNRs [dB] of all sensor nodes, [N, 1, y, x], NaN for a sensor node without a bin.
-    #[must_use]
     pub fn levels_db(&self) -> Vec<f64> {
         let nodes = self.grid.nodes[0] * self.grid.nodes[1];
         let mut levels_db = Vec::with_capacity(self.bins.len() * nodes);

@@ -173,7 +173,6 @@ impl HeightGrid {
 
     /// The height of the ground [m], bilinear between the middles of cells and constant beyond the outer ones; `None`
     /// outside of the grid, or without a height.
-    #[must_use]
     pub fn height_m(&self, at: &Position) -> Option<f64> {
         let end = |axis: usize| self.cells[axis] as f64 - 0.5;
         let in_cells = self.in_cells(at);
@@ -193,20 +192,17 @@ impl HeightGrid {
     }
 
     /// Whether all heights are the same.
-    #[must_use]
     pub fn is_flat(&self) -> bool {
         self.heights_m.iter().all(|height_m| *height_m == self.heights_m[0])
     }
 
     /// The cells that are higher than `limit_m`, by row from the south.
-    #[must_use]
     pub fn above(&self, limit_m: f64) -> Vec<bool> {
         self.heights_m.iter().map(|height_m| *height_m > limit_m).collect()
     }
 
     /// Whether a UAV is in sight from a point: the ray between them passes above the higher end of every edge that it
     /// crosses between the middles of neighbouring cells.
-    #[must_use]
     pub fn is_in_sight(&self, from: &Point3<f64>, uav: &Point3<f64>) -> bool {
         let [begin, end] = [from, uav].map(|point| self.in_cells(&point.xy()));
         (0..2).all(|axis| {

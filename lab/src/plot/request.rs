@@ -89,7 +89,6 @@ impl SheetOptions {
 
 impl PlotRequest {
     /// The first option that is given.
-    #[must_use]
     pub fn given(&self) -> Option<&'static str> {
         let options = [
             ("--x", !self.x.is_empty()),

@@ -74,19 +74,16 @@ impl Definition {
     }
 
     /// The number of fields: points of the grid times seeds.
-    #[must_use]
     pub fn fields(&self) -> usize {
         self.points.len() * self.seeds.len()
     }
 
     /// The number of missions: fields times strategies.
-    #[must_use]
     pub fn mission_count(&self) -> usize {
         self.fields() * self.strategies.len()
     }
 
     /// The keys with their values, of which the points are all combinations.
-    #[must_use]
     pub fn axes(&self) -> toml::Table {
         let axis = |(place, key): (usize, &String)| {
             let mut seen = HashSet::new();
@@ -139,7 +136,6 @@ impl Definition {
     }
 
     /// The index of a mission in the results of the whole sweep; `None` if it does not belong to the sweep.
-    #[must_use]
     pub fn index(&self, MissionKey { point, strategy, seed }: MissionKey) -> Option<usize> {
         let seed = self.seeds.binary_search(&seed).ok()?;
         let exists = point < self.points.len() && strategy < self.strategies.len();

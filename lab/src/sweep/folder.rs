@@ -211,7 +211,6 @@ impl FlownSweep {
     }
 
     /// A metric of the missions of a point and a strategy, by seed; NaN if a mission has no value.
-    #[must_use]
     pub fn values(&self, point: usize, strategy: usize, metric: Metric) -> BTreeMap<u64, f64> {
         missions_of(&self.rows, point, strategy).map(|row| (row.key.seed, row[metric])).collect()
     }

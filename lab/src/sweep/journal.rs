@@ -104,7 +104,6 @@ impl SweepJournal {
     }
 
     /// The number of missions.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.rows.len()
     }

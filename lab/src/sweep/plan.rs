@@ -127,7 +127,6 @@ impl Sweep {
     ///
     /// # Panics
     /// If the mission does not belong to this sweep.
-    #[must_use]
     pub fn strategy(&self, mission: MissionKey) -> Option<&'static Registered> {
         Registered::find(&self.definition.strategies[mission.strategy])
     }

@@ -25,7 +25,6 @@ impl<Links: Fn(u64, usize) -> u64> Offer<'_, Links> {
     ///
     /// In each slot the `U n` links that carry most are served, of the SNs that can be reached by then. And all slots
     /// together have `U n` services each, of which an SN takes as many as it has data for.
-    #[must_use]
     pub fn delivered_bits(&self, factor: impl Fn(usize) -> f64) -> f64 {
         let data_bits = |(index, sensor): (usize, &SensorBits)| factor(index) * self.data_bits(sensor) as f64;
         let total_bits: f64 = self.field.sensors.iter().enumerate().map(data_bits).sum();
@@ -34,7 +33,6 @@ impl<Links: Fn(u64, usize) -> u64> Offer<'_, Links> {
     }
 
     /// Lower bound on the slots after which all data is delivered, for SNs that do not sample; `None` if it never is.
-    #[must_use]
     pub fn least_slots(&self) -> Option<u64> {
         let mut services = 0u64;
         let mut slots = 0;
@@ -48,7 +46,6 @@ impl<Links: Fn(u64, usize) -> u64> Offer<'_, Links> {
     }
 
     /// What an SN holds and samples [bit].
-    #[must_use]
     pub fn data_bits(&self, sensor: &SensorBits) -> u64 {
         u64::from(sensor.queue_bits) + sensor.sampled_bits(self.field.slots)
     }

@@ -30,19 +30,16 @@ pub struct SensorBits {
 impl SensorBits {
     /// Whether the UAV can be in range at the end of `slot`.
     #[inline]
-    #[must_use]
     pub fn is_reached(&self, slot: u64) -> bool {
         self.first_slot.is_some_and(|first_slot| first_slot <= slot)
     }
 
     /// Its buffer [bit].
-    #[must_use]
     pub fn buffer_bits(&self) -> u64 {
         self.sampler.capacity_bits.into()
     }
 
     /// Bits sampled up to the end of `slot`, of each slot at most a full buffer.
-    #[must_use]
     pub fn sampled_bits(&self, slot: u64) -> u64 {
         let counted = || sampled_bits(self.sampler.mean_bits, slot);
         self.drawn_bits.as_ref().map_or_else(counted, |drawn_bits| drawn_bits[slot as usize])
@@ -51,7 +48,6 @@ impl SensorBits {
     /// Overflow up to the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it empty;
     /// or never at all if that is `None`.
     #[inline]
-    #[must_use]
     pub fn overflow_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {
         let (queue_bits, from) = emptied.map_or((self.queue_bits, 0), |emptied| (0, emptied.min(slot)));
         match &self.drawn_bits {
@@ -65,7 +61,6 @@ impl SensorBits {
 
     /// Overflow in `slot` [bit], under the same assumption.
     #[inline]
-    #[must_use]
     pub fn lost_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {
         self.overflow_bits(emptied, slot) - self.overflow_bits(emptied, slot - 1)
     }
@@ -127,7 +122,6 @@ impl FieldBits {
     }
 
     /// The largest buffer [bit].
-    #[must_use]
     pub fn capacity_bits(&self) -> u64 {
         self.sensors.iter().map(|sensor| sensor.sampler.capacity_bits).max().unwrap_or(0).into()
     }

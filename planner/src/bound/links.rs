@@ -58,7 +58,6 @@ impl BestLinks {
     }
 
     /// Whole bits that the link of the SN at `index` carries in `slot` at most.
-    #[must_use]
     pub fn best_bits(&self, slot: u64, index: usize) -> u64 {
         let (id, gain, level) = self.sensors[index];
         let uplink = Uplink { level, ..self.above(slot, gain) };

@@ -143,7 +143,6 @@ impl PathBound {
     }
 
     /// Most sensors that can be served in `slots` slots in a row.
-    #[must_use]
     pub fn most(&self, slots: u64) -> usize {
         // A path over more sensors weighs no less than one over some of them.
         let in_time = self.weights.iter().take_while(|weight| **weight + 1.0 <= slots as f64);

@@ -40,7 +40,6 @@ impl WindowSensor {
 
 impl WindowField {
     /// Lower bound on the loss [bit] of every plan, by visits and by throughput.
-    #[must_use]
     pub fn least_loss_bits(&self) -> f64 {
         self.least_loss_by_visits().max(self.least_loss_by_throughput())
     }

@@ -194,7 +194,6 @@ impl FleetPlanner {
     }
 
     /// The stop request that ends long searches.
-    #[must_use]
     pub fn stop(&self) -> &Stop {
         &self.members[0].planner.stop
     }
@@ -335,19 +334,16 @@ impl FleetPlanner {
     }
 
     /// The last slot planned by these planners or their restored predecessors; 0 before the first.
-    #[must_use]
     pub fn slot(&self) -> u64 {
         self.members[0].planner.slot()
     }
 
     /// Whether the plans of a slot depend on the slots before it.
-    #[must_use]
     pub fn has_state(&self) -> bool {
         self.members.iter().any(|member| member.planner.has_state())
     }
 
     /// What became of the changes that the searches of all UAVs proposed, by operator; empty without a search.
-    #[must_use]
     pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
         let mut all: Vec<(&'static str, OperatorCounts)> = Vec::new();
         for (name, counts) in self.members.iter().flat_map(|member| member.planner.strategy.counts()) {
@@ -360,7 +356,6 @@ impl FleetPlanner {
     }
 
     /// What the first UAV believes of the queues after the last observed slot.
-    #[must_use]
     pub fn belief(&self) -> &Belief {
         &self.members[0].planner.belief
     }
@@ -369,7 +364,6 @@ impl FleetPlanner {
     ///
     /// # Panics
     /// If there is no such UAV.
-    #[must_use]
     pub fn path(&self, uav: usize) -> &[Point3<f64>] {
         self.members[uav].planner.path()
     }

@@ -15,7 +15,6 @@ pub struct Disk {
 
 impl Disk {
     /// Whether the disk contains `point`, with the slack of decision D5.
-    #[must_use]
     pub fn contains(&self, point: &Position) -> bool {
         within(point, &self.centre, self.radius_m)
     }

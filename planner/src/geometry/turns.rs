@@ -114,7 +114,6 @@ impl Turns {
     }
 
     /// The turn whose point is nearest, by the square of its distance [m²]; the first of none.
-    #[must_use]
     pub fn near(&self, distance_m2: impl Fn(&Position) -> f64) -> usize {
         let away_m2 = |&turn: &usize| distance_m2(&self.points[turn]);
         (0..self.points.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))).unwrap_or(0)

@@ -227,7 +227,6 @@ impl<O: Objective> CarriedPlan<O> {
     }
 
     /// The visits of the plan of `forecast`, from the slot of `view` on.
-    #[must_use]
     pub fn visits(&self, view: &View, forecast: &Forecast<O>) -> Vec<PlannedVisit> {
         let mut levels = forecast.window.levels.clone();
         let planned = forecast.visits().map(|visit| {
@@ -245,13 +244,11 @@ impl<O: Objective> CarriedPlan<O> {
     }
 
     /// Whether it has searched.
-    #[must_use]
     pub fn has_searched(&self) -> bool {
         self.plan.has_begun
     }
 
     /// Whether it has searched, or carries a plan from the slot before.
-    #[must_use]
     pub fn has_plan(&self) -> bool {
         if O::HOVERS { self.plan.has_begun } else { !self.stops.is_empty() }
     }

@@ -91,7 +91,6 @@ pub struct Trace {
 impl Trace {
     /// Index of the first visit of leg `leg`; the number of visits if there is no such leg.
     #[inline]
-    #[must_use]
     pub fn first_visit(&self, leg: usize) -> usize {
         self.legs.get(leg).map_or(self.visits.len(), |leg| leg.first as usize)
     }

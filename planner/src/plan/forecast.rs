@@ -95,7 +95,6 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// The stops of the plan.
-    #[must_use]
     pub fn stops(&self) -> Vec<PlannedStop> {
         self.trace.legs.iter().map(|leg| leg.stop).collect()
     }
@@ -106,7 +105,6 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// The sensors that have, or will have, data, and their queues at the beginning [bit]; none but where plans hover.
-    #[must_use]
     pub fn open(&self, model: &PlanModel) -> Vec<(u32, f64)> {
         let queue_bits = |(sensor, level): (&SensorModel, &O::Level)| O::queue_bits(sensor, *level, 1.0);
         let all = (0..).zip(model.sensors.iter().zip(&self.window.levels).map(queue_bits)).zip(&model.sensors);

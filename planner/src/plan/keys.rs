@@ -38,7 +38,6 @@ impl HorizonKeys {
     }
 
     /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
-    #[must_use]
     pub fn budget(&self, view: &View) -> Option<Duration> {
         let budget_ms = self.budget_ms.filter(|_| view.timing == Timing::Paced);
         budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3))

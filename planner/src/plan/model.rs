@@ -142,13 +142,11 @@ impl PlanModel {
     }
 
     /// Whether no sensor of a disk can be served.
-    #[must_use]
     pub(super) fn is_out(&self, disk: u32) -> bool {
         self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].weight == 0.0)
     }
 
     /// Whether all sensors of a disk are dead.
-    #[must_use]
     pub(super) fn is_dead(&self, disk: u32) -> bool {
         self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].is_dead)
     }
@@ -289,7 +287,6 @@ impl PlanModel {
 
     /// What the visits of other UAVs to `sensor` cost up to the end of `slot`, after `level`, and the buffer after them.
     #[inline]
-    #[must_use]
     pub fn until<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> (f64, O::Level) {
         if self.others.is_empty() {
             return (0.0, level);
@@ -307,14 +304,12 @@ impl PlanModel {
 
     /// The buffer of `sensor` at the end of `slot`, after the visits of other UAVs.
     #[inline]
-    #[must_use]
     pub fn level_at<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> O::Level {
         self.until::<O>(sensor, slot, level).1
     }
 
     /// What the gap up to the end of `slot` costs, with the visits of other UAVs in it.
     #[inline]
-    #[must_use]
     pub fn rest<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> f64 {
         let (before, reached) = self.until::<O>(sensor, slot, level);
         before + O::rest(&self.sensors[sensor], reached, slot)
@@ -322,7 +317,6 @@ impl PlanModel {
 
     /// The disk from which `stop` is served.
     #[inline]
-    #[must_use]
     pub fn disk(&self, stop: u32) -> &Disk {
         &self.disks[stop as usize].disk
     }
@@ -369,7 +363,6 @@ impl PlanModel {
 
     /// Whether no building is between `sensor` and the UAV above `at` [m].
     #[inline]
-    #[must_use]
     pub fn sees(&self, sensor: u32, at: &Position) -> bool {
         let Some(buildings) = self.table.channel.buildings() else { return true };
         buildings.sees(self.table.sensors.position(sensor), &above(at, self.altitude_m))
@@ -378,7 +371,6 @@ impl PlanModel {
     /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not, in the unit of the
     /// objective; infinite if any visit empties it.
     #[inline]
-    #[must_use]
     pub fn capacity<O: Objective>(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         let model = &self.sensors[sensor as usize];
         if model.is_emptied {
@@ -400,7 +392,6 @@ impl PlanModel {
 
     /// The same in the unit of the objective; infinite if a visit from anywhere empties the sensor.
     #[inline]
-    #[must_use]
     pub fn capacity_at<O: Objective>(&self, sensor: u32, d2_m2: f64, at: &Position) -> f64 {
         if !self.table.has_levels() {
             return self.capacity::<O>(sensor, d2_m2, self.sees(sensor, at));

@@ -33,7 +33,6 @@ impl OtherVisits {
 
     /// Whether there are none.
     #[inline]
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.slots.is_empty()
     }

@@ -83,7 +83,6 @@ pub fn is_there(at: &Position, point: &Position) -> bool {
 
 impl PlanModel {
     /// The links to a UAV at `point` [m].
-    #[must_use]
     pub fn links(&self, point: &Position) -> Links {
         let find = || {
             let mut links = Vec::new();
@@ -100,7 +99,6 @@ impl PlanModel {
     }
 
     /// Bits that the link of `sensor` carries to a UAV at `point` in a slot [bit].
-    #[must_use]
     pub fn link_bits(&self, sensor: u32, point: &Position) -> f64 {
         self.links(point).iter().find(|(other, _)| *other == sensor).map_or(0.0, |(_, bits)| *bits)
     }
@@ -115,7 +113,6 @@ impl PlanModel {
     }
 
     /// The way home from `at` [m] after `slot`; `None` if there is none, or the UAV need not come back.
-    #[must_use]
     pub fn route_home(&self, slot: u64, at: &Position) -> Option<Route> {
         let home = self.table.home.as_ref()?;
         let thrifty = self.thrifty(home, at)?;
@@ -164,7 +161,6 @@ impl PlanModel {
     }
 
     /// The points from which to serve `sensor` first: on a grid the best cells, otherwise as near as possible.
-    #[must_use]
     pub fn first_points(&self, sensor: u32, most: usize) -> Vec<Position> {
         if self.table.motion.is_by_cells() {
             return self.cells(sensor).iter().take(most).copied().collect();
@@ -174,7 +170,6 @@ impl PlanModel {
     }
 
     /// A point beside `point`: a neighbouring cell of a grid, or up to a slot away.
-    #[must_use]
     pub fn point_beside(&self, point: &Position, random: &mut ChaCha8Rng) -> Position {
         let MissionTable { airspace, motion, .. } = &self.table;
         let away = if motion.is_by_cells() {
@@ -188,7 +183,6 @@ impl PlanModel {
     }
 
     /// Hovers that empty a queue of `queue_bits` [bit] of `sensor` from `point`.
-    #[must_use]
     pub fn hovers(&self, sensor: u32, queue_bits: f64, point: &Position) -> u16 {
         let moves = self.table.motion.move_slots() as f64;
         let queue_bits = queue_bits.max(self.sensors[sensor as usize].capacity_bits.min(1.0));

@@ -42,7 +42,6 @@ pub struct SensorModel {
 impl SensorModel {
     /// Whether queue and rate are known.
     #[inline]
-    #[must_use]
     pub fn is_known(&self) -> bool {
         self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0 && self.noise_slots2 == 0.0
     }
@@ -54,7 +53,6 @@ impl SensorModel {
     /// `|late| < h`. The first visit, after slot 0, ends the uncertainty of the initial queue. Before it, `left_slots`
     /// are certain. Arrivals at random widen it by the uniform distribution with their variance.
     #[inline]
-    #[must_use]
     pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
         let gap = slot - empty;
         let late = gap - self.fill_slots;

@@ -43,13 +43,11 @@ impl<O: Objective> States<O> {
     }
 
     /// The leg that `state` is before.
-    #[must_use]
     pub fn leg(&self, state: usize) -> usize {
         state * self.stride
     }
 
     /// The last known state before leg `leg` or an earlier one.
-    #[must_use]
     pub fn last_known(&self, leg: usize) -> usize {
         let mut until = self.states.iter().take(leg / self.stride + 1);
         until.rposition(|state| state.is_known).expect("the start is known")

@@ -171,20 +171,17 @@ impl<O: Objective> Timelines<O> {
     }
 
     /// What the plan costs.
-    #[must_use]
     pub fn cost(&self) -> f64 {
         let gaps: f64 = self.plan.iter().map(|served| served.cost).sum();
         gaps + self.timelines.iter().map(|timeline| timeline.end).sum::<f64>() - self.sunk
     }
 
     /// The buffers after the last visits of the plan, by sensor.
-    #[must_use]
     pub fn levels(&self) -> Vec<O::Level> {
         self.timelines.iter().map(|timeline| timeline.at(&self.plan, self.plan.len()).0).collect()
     }
 
     /// What is expected after the window.
-    #[must_use]
     pub fn cost_beyond(&self, model: &PlanModel) -> f64 {
         if self.beyond_slots <= 0.0 {
             return 0.0;

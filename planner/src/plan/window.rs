@@ -61,7 +61,6 @@ impl<O: Objective> PlanningWindow<O> {
     }
 
     /// Lower bound on the cost of every plan over this window.
-    #[must_use]
     pub fn least(&self, model: &PlanModel) -> f64 {
         if !model.others.is_empty() {
             return 0.0; // the bounds are those of one UAV

@@ -106,13 +106,11 @@ impl Home {
 
     /// The way home from `ground` [m] after `slot`: the route of least energy, in the slots that are left; it takes more
     /// if it is too far. `None` if there is none.
-    #[must_use]
     pub fn route(&self, slot: u64, ground: &Position) -> Option<Route> {
         self.route_within(ground, self.left_after(slot))
     }
 
     /// The way home that is flown with `left` slots for it.
-    #[must_use]
     pub fn route_within(&self, ground: &Position, left: u64) -> Option<Route> {
         match &self.ends_from(ground)[..] {
             [only] => self.motion.thrifty(ground, only, left),
@@ -126,7 +124,6 @@ impl Home {
 
     /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at
     /// the least energy per metre.
-    #[must_use]
     pub fn may_serve(&self, sensor: &Position) -> bool {
         let from_base_m = self.base.away_m(sensor);
         let from_start_m = (sensor - self.start).norm();
@@ -139,20 +136,17 @@ impl Home {
     }
 
     /// Slots for the way home after `slot`.
-    #[must_use]
     pub fn left_after(&self, slot: u64) -> u64 {
         if self.must_land { self.slots.saturating_sub(slot) } else { u64::MAX }
     }
 
     /// Whether a UAV with `energy_j` [J] at `ground` [m] after `slot` comes home in time and with its reserve.
-    #[must_use]
     pub fn is_in_reach(&self, slot: u64, energy_j: f64, ground: &Position) -> bool {
         self.margin_j(slot, energy_j, ground) >= 0.0
     }
 
     /// The energy [J] beyond the way home and the reserve of a UAV with `energy_j` at `ground` [m] after `slot`;
     /// −∞ if it comes home too late.
-    #[must_use]
     pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
         let left = self.left_after(slot);
         let in_time = self.route_within(ground, left).filter(|route| u64::from(route.slots()) <= left);
@@ -166,20 +160,17 @@ impl Home {
 
     /// Slots after `slot` beyond those of the way home from `ground` [m] at full speed, below 0 if it comes home too late;
     /// `None` if it need not be home in time, or no path leads there.
-    #[must_use]
     pub fn spare_slots(&self, slot: u64, ground: &Position) -> Option<i64> {
         let route = self.route_within(ground, 0).filter(|_| self.must_land)?;
         Some(i64::try_from(self.left_after(slot)).unwrap_or(i64::MAX) - i64::from(route.slots()))
     }
 
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
-    #[must_use]
     pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
         self.waypoint_of(self.route(slot.saturating_sub(1), ground), slot, ground)
     }
 
     /// The next waypoint on the way home of a UAV with `energy_j` [J] whose time is over: at full speed, if the energy lasts for that.
-    #[must_use]
     pub fn landing_waypoint(&self, slot: u64, energy_j: f64, ground: &Position) -> Position {
         let in_time = self.route(slot.saturating_sub(1), ground).filter(|route| route.energy_j() <= energy_j);
         self.waypoint_of(in_time.or_else(|| self.route_within(ground, u64::MAX)), slot, ground)
@@ -190,7 +181,6 @@ impl Home {
     }
 
     /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
-    #[must_use]
     pub fn rule(&self, slot: u64, state: &BatteryState, [from, to]: [&Point3<f64>; 2], is_idle: bool) -> Returning {
         if is_idle && to == from && self.battery.is_some() && self.base.contains(&from.xy()) {
             return Returning::Charges;
@@ -214,14 +204,12 @@ impl Home {
     }
 
     /// Energy [J] after the flight of a slot.
-    #[must_use]
     pub fn flown_j(&self, state: &BatteryState, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         self.battery.map_or(state.energy_j, |battery| battery.flown_j(state.energy_j, from, to))
     }
 
     /// The battery of a UAV at `ground` [m]: of several bases that with the charger there.
     #[inline]
-    #[must_use]
     pub fn battery_at(&self, ground: &Position) -> Option<Battery> {
         let battery = self.battery?;
         Some(self.base.charger_at(ground).map_or(battery, |charger| battery.at(charger)))
@@ -229,7 +217,6 @@ impl Home {
 
     /// Whether a UAV in the base, at `ground` [m], stays there in `slot` to charge: it has begun to, is not full, and has
     /// less energy than the rest of the mission takes at top speed.
-    #[must_use]
     pub fn charges_on(&self, slot: u64, state: &BatteryState, ground: &Position) -> bool {
         state.is_charging && self.battery_at(ground).is_some_and(|battery| self.is_low(&battery, slot, state.energy_j))
     }
@@ -242,7 +229,6 @@ impl Home {
     }
 
     /// Slots from `slot` on in which a UAV that arrives in the base at `ground` [m] with `energy_j` [J] charges.
-    #[must_use]
     pub fn charging_slots(&self, slot: u64, energy_j: f64, ground: &Position) -> u64 {
         let Some(battery) = self.battery_at(ground) else { return 0 };
         let mut low = 0;
@@ -260,7 +246,6 @@ impl Home {
     /// For each of several bases the slots from `slot` on before it has a pad for the UAV number `uav` (decision D34). Of
     /// those with lower numbers, which come first, the ones that are there as their last `flights` say stay until they
     /// are charged; those that have yet to come are not known. Empty if no site makes it wait.
-    #[must_use]
     pub fn pad_waits(&self, slot: u64, uav: usize, flights: &[FlightReport]) -> Vec<u64> {
         let wait = |(number, site): (usize, &BaseSite)| {
             let mut pads = vec![0; site.charger.pads as usize];

@@ -56,31 +56,26 @@ impl Motion {
 
     /// Whether it flies from cell to cell of a grid.
     #[inline]
-    #[must_use]
     pub fn is_by_cells(&self) -> bool {
         self.airspace.has_grid()
     }
 
     /// Slots of a move to a neighbouring cell, and of a hover; 1 without a grid.
-    #[must_use]
     pub fn move_slots(&self) -> u64 {
         self.airspace.move_slots()
     }
 
     /// Farthest flight in a slot [m].
-    #[must_use]
     pub fn reach_m(&self) -> f64 {
         self.reach_m
     }
 
     /// Flight in a slot at the least energy per metre [m]; on a grid, and without a battery, the farthest.
-    #[must_use]
     pub fn thrifty_m(&self) -> f64 {
         self.thrifty_m
     }
 
     /// Places well inside of `base` [m]; along a grid the middles of its cells.
-    #[must_use]
     pub fn places_in(&self, base: &Base) -> Arc<[Position]> {
         match self.is_by_cells() {
             false => base.places().collect(),
@@ -90,7 +85,6 @@ impl Motion {
 
     /// The end of a slot that flies from `from` toward `goal` [m], as far as one slot reaches, stopping on it if it is
     /// nearer: straight, or around zones.
-    #[must_use]
     pub fn toward(&self, from: &Position, goal: &Position) -> Position {
         if self.is_straight(from, goal) {
             return toward(self.reach_m, from, goal);
@@ -99,13 +93,11 @@ impl Motion {
     }
 
     /// Length of the shortest path [m]; infinite if there is none.
-    #[must_use]
     pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
         self.distance_m2(from, to).sqrt()
     }
 
     /// Its square [m²], for comparisons: without a root, in an open field.
-    #[must_use]
     pub fn distance_m2(&self, from: &Position, to: &Position) -> f64 {
         if self.is_straight(from, to) { distance_squared(from, to) } else { self.airspace.distance_m(from, to).powi(2) }
     }
@@ -119,14 +111,12 @@ impl Motion {
 
     /// Slots that no path from `from` into `disk` falls short of: those of the straight one, at least 1.
     #[inline]
-    #[must_use]
     pub fn least_slots_into(&self, from: &Position, disk: &Disk) -> f64 {
         slots_between(from, disk, self.reach_m)
     }
 
     /// Slots of the shortest path from `from` into `disk`, at least 1, on a grid at least those of a hover; infinite if
     /// there is none.
-    #[must_use]
     pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
         if self.is_straight(from, &disk.centre) {
             return self.least_slots_into(from, disk);
@@ -136,20 +126,17 @@ impl Motion {
 
     /// The shortest path from `from` into `disk`, toward its centre or the point beside zones that is nearest to it;
     /// empty if there is none.
-    #[must_use]
     pub fn path_into(&self, from: &Position, disk: &Disk) -> Bends {
         self.airspace.way_into(from, &self.airspace.nearest(&disk.centre), &disk.centre, disk.radius_m)
     }
 
     /// The route along it, at full speed.
-    #[must_use]
     pub fn shortest_into(&self, from: &Position, disk: &Disk) -> Option<Route> {
         self.along(from, &self.path_into(from, disk))
     }
 
     /// The route from `from` into `disk` in the fewest slots, that ends as near to `next` [m] as they allow; around
     /// zones and on a grid where it comes into the disk. `None` if there is none.
-    #[must_use]
     pub fn enter(&self, from: &Position, disk: &Disk, next: &Position) -> Option<Route> {
         if self.is_by_cells() {
             return self.shortest_into(from, disk);
@@ -181,7 +168,6 @@ impl Motion {
     /// The route from `from` to `end` [m] of least energy in `left` slots: its straight parts at the speed of least energy
     /// per metre, of which the first have the slots that are not needed for full speed. Around zones at full speed, as
     /// every other flight, where there is no time for whole slots in each part, or no battery. `None` if there is none.
-    #[must_use]
     pub fn thrifty(&self, from: &Position, end: &Position, left: u64) -> Option<Route> {
         let path = self.airspace.way(from, end);
         let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
@@ -203,13 +189,11 @@ impl Motion {
     }
 
     /// The route of no slots of a UAV at `at` [m].
-    #[must_use]
     pub fn stay(&self, at: &Position) -> Route {
         Route::new(*at, [RoutePart { end: *at, slots: 0 }], None)
     }
 
     /// A hover at `at` [m]: a slot, on a grid as many as a move takes.
-    #[must_use]
     pub fn wait(&self, at: &Position) -> Route {
         Route::new(*at, [RoutePart { end: *at, slots: self.move_slots() as u32 }], self.battery.as_ref())
     }
@@ -217,34 +201,29 @@ impl Motion {
     /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m]: `to` if the path is free, otherwise a part
     /// of the shortest path. On a grid a move that is under way is flown to its end.
     #[inline]
-    #[must_use]
     pub fn slot_end(&self, slot: u64, from: &Position, to: &Position) -> Position {
         self.airspace.slot_end(slot, from, to, self.reach_m)
     }
 
     /// Whether a slot that ends at `end` [m] does what one to `to` would.
-    #[must_use]
     pub fn is_same(&self, end: &Position, to: &Position) -> bool {
         (end - to).norm() <= if self.is_by_cells() { BESIDE_M } else { 0.0 }
     }
 
     /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after
     /// them: on a grid a whole move.
-    #[must_use]
     pub fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
         self.airspace.committed(slot, from, to)
     }
 
     /// The end of `slot` of a UAV at `from` that is under way on a grid, or hovers until the next move may begin [m];
     /// `None` where it may be told a waypoint.
-    #[must_use]
     pub fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
         self.airspace.under_way(slot, from)
     }
 
     /// Where `slot` may end instead of at `to` [m]: on the straight line from `from`, beside it and behind it, and in
     /// reach of a slot around; on a grid in the neighbouring cells. They may be in zones, or outside of the area.
-    #[must_use]
     pub fn alternatives(&self, slot: u64, from: &Position, to: &Position) -> Vec<Position> {
         if self.is_by_cells() {
             let flown = |cell: Position| self.slot_end(slot, from, &cell);

@@ -50,28 +50,24 @@ impl Route {
 
     /// Its slots.
     #[inline]
-    #[must_use]
     pub fn slots(&self) -> u32 {
         self.slots
     }
 
     /// What it takes [J]; 0 without a battery.
     #[inline]
-    #[must_use]
     pub fn energy_j(&self) -> f64 {
         self.energy_j
     }
 
     /// Where it ends [m].
     #[inline]
-    #[must_use]
     pub fn end(&self) -> Position {
         self.parts.last().map_or(self.from, |part| part.end)
     }
 
     /// Where its slot number `slot` ends [m]; where it begins for 0.
     #[inline]
-    #[must_use]
     pub fn at(&self, slot: u32) -> Position {
         let (mut from, mut left) = (&self.from, slot);
         for part in &self.parts {
@@ -86,7 +82,6 @@ impl Route {
 
     /// The waypoint of its first slot [m]: of a part of n slots it is found from 1/n of the part, which differs from
     /// [`Self::at`] in the last bit.
-    #[must_use]
     pub fn first(&self) -> Position {
         match self.parts.iter().find(|part| part.slots > 0) {
             Some(part) if part.slots > 1 => self.from + (part.end - self.from) / f64::from(part.slots),
@@ -96,7 +91,6 @@ impl Route {
     }
 
     /// Its length [m].
-    #[must_use]
     pub fn length_m(&self) -> f64 {
         let begins = std::iter::once(&self.from).chain(self.parts.iter().map(|part| &part.end));
         begins.zip(&self.parts).map(|(begin, part)| (part.end - begin).norm()).sum()

@@ -105,20 +105,17 @@ impl Problem {
     }
 
     /// Mean of the scheduled positions, the expansion point of the paper.
-    #[must_use]
     pub fn mean(&self) -> Position {
         let sum = self.disks[1..].iter().map(|range| range.centre.coords).sum::<Vector2<f64>>();
         (sum / self.gains.len() as f64).into()
     }
 
     /// The objective, `Σ E[r_i]` [bit/s].
-    #[must_use]
     pub fn rate_bps(&self, at: &Point3<f64>) -> f64 {
         self.uplinks(at).map(|(_, uplink)| self.channel.expected_rate_bps(&uplink)).sum()
     }
 
     /// A point with its objective.
-    #[must_use]
     pub fn rated(&self, point: Point3<f64>) -> RatedPoint {
         RatedPoint { point, rate_bps: self.rate_bps(&point) }
     }
@@ -127,7 +124,6 @@ impl Problem {
     ///
     /// Straight above an SN the elevation angle has a non-smooth peak, `θ ≈ 90° − (180/π) d/z`: leaving it in any
     /// direction costs the same slope, which is subtracted from the gradient of the other SNs, down to 0.
-    #[must_use]
     pub fn ascent(&self, at: &Point3<f64>) -> Vector3<f64> {
         let mut pull = Vector2::zeros();
         let mut hold = 0.0;
@@ -151,7 +147,6 @@ impl Problem {
     }
 
     /// The feasible point nearest to `target`; `None` if no point keeps every constraint.
-    #[must_use]
     pub fn project(&self, target: &Point3<f64>) -> Option<Point3<f64>> {
         let ground = project(&target.xy(), &self.disks)?;
         let [low_m, high_m] = self.altitudes_m;
@@ -160,7 +155,6 @@ impl Problem {
 
     /// The altitude [m] that maximises the objective above `ground`, by search along the vertical; the lowest of
     /// equals.
-    #[must_use]
     pub fn best_altitude_m(&self, ground: &Position) -> f64 {
         const LAST: usize = LEVELS as usize;
         let altitude_m = |level: usize| self.altitude_m(level as f64 / LAST as f64);

@@ -99,7 +99,6 @@ impl Copter {
     }
 
     /// Whether it is in the air.
-    #[must_use]
     pub fn is_in_air(&self) -> bool {
         self.target_m.is_some()
     }

@@ -72,7 +72,6 @@ impl Body {
     }
 
     /// The velocity that it measures [m/s].
-    #[must_use]
     pub fn measured_mps(&self) -> Vector3<f64> {
         self.velocity_mps + self.gust_mps.push(0.0)
     }

@@ -4,7 +4,6 @@ use super::{LevelGrid, LinkMap};
 
 impl LinkMap {
     /// The map as a CSV file, and its steps as another; floats round-trip exactly.
-    #[must_use]
     pub fn to_csv(&self) -> (String, Option<String>) {
         let mut text = format!("sensor,x_m,y_m,z_m,{}\n", if self.has_rates() { "rate_bps" } else { "snr_db" });
         for (name, LevelGrid { axes_m: [east_m, north_m, up_m], levels, .. }) in self.names.iter().zip(&self.grids) {

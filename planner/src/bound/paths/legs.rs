@@ -81,7 +81,6 @@ impl Legs {
     }
 
     /// Largest surcharge of `sensor` [slots], which has no counterpart at the end of a path.
-    #[must_use]
     pub fn end_slots(&self, sensor: u32) -> f64 {
         self.surcharges[sensor as usize].iter().copied().fold(0.0, f64::max)
     }

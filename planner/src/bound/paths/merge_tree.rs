@@ -54,13 +54,11 @@ impl MergeTree {
     }
 
     /// The price of the last merge.
-    #[must_use]
     pub fn last(&self) -> f64 {
         self.births[self.births.len() - 1]
     }
 
     /// The best set of at least one sensor, if sensor i has the reward `rewards(i)`.
-    #[must_use]
     pub fn best_set(&self, rewards: impl Fn(usize) -> f64) -> BestSet {
         let cheapest = self.births[0];
         let mut values: Vec<f64> = (0..self.sensors).map(|sensor| rewards(sensor) - cheapest).collect();
@@ -92,7 +90,6 @@ impl MergeTree {
     }
 
     /// The sensors of a best set, and the legs that connect them.
-    #[must_use]
     pub fn members(&self, best: &BestSet) -> (Vec<u32>, Vec<PricedLeg>) {
         let mut sensors = Vec::with_capacity(best.size);
         let mut legs = Vec::with_capacity(best.size);

@@ -56,13 +56,11 @@ pub struct DiskRound {
 
 impl Disks<'_> {
     /// A short round; deterministic if the effort is in steps. `stop` ends the search; the round may then miss disks.
-    #[must_use]
     pub fn round(&self, effort: RoundEffort, stop: &Stop) -> DiskRound {
         self.seeded_round(0, effort, stop)
     }
 
     /// The same, searched with the random numbers of `seed`.
-    #[must_use]
     pub fn seeded_round(&self, seed: u64, effort: RoundEffort, stop: &Stop) -> DiskRound {
         let field = self.field();
         let mut search = RoundSearch::new(&field, Streams::new(seed).stream(Purpose::Round, 0, 0), stop);
@@ -82,7 +80,6 @@ impl Disks<'_> {
     }
 
     /// The disks, prepared for the search: sorted, and relative to the first centre if they lie far from the origin.
-    #[must_use]
     pub fn field(&self) -> DiskField {
         let centres: Vec<Position> = self.centres.iter().map(|centre| centre - self.origin()).collect();
         DiskField::new(&centres, self.radius_m, self.start.map(|start| start - self.origin()), self.is_closed)

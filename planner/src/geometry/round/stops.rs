@@ -50,13 +50,11 @@ impl DiskField {
     }
 
     /// Stops that never move.
-    #[must_use]
     pub fn fixed(&self) -> usize {
         usize::from(self.start.is_some())
     }
 
     /// The least detour to a disk on the way from `from` to `to` [m], and its point.
-    #[must_use]
     pub fn touch(&self, disk: u32, from: &Position, to: Option<&Position>) -> (f64, Position) {
         let centre = &self.cover.centres[disk as usize];
         let Some(to) = to else {
@@ -73,7 +71,6 @@ impl DiskField {
     }
 
     /// The point of a disk where the path from `from` over it to `to` is shortest.
-    #[must_use]
     pub fn turning_point(&self, disk: u32, from: &Position, to: &Position) -> Position {
         let centre = &self.cover.centres[disk as usize];
         let foot = nearest_of_leg(centre, from, to);
