@@ -27,7 +27,13 @@ const HORIZON_DEPTH_M: f64 = 6.3e6;
 const SEMI_AXES_M: [f64; 2] = [6_378_137.0, 6_378_137.0 * (1.0 - 1.0 / 298.257_223_563)];
 
 /// The south-west corner of the area on the WGS84 ellipsoid, at altitude 0.
-pub type Origin = GeodeticPosition;
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    /// Geodetic latitude [°], −90 to 90.
+    pub lat_deg: f64,
+    /// Longitude [°], −180 to 180.
+    pub lon_deg: f64,
+}
 
 /// A point on the WGS84 ellipsoid, at altitude 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
