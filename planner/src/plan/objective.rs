@@ -28,7 +28,8 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     fn begin(sensor: &SensorModel, queue_bits: f64, age_slots: f64) -> Self::Level;
 
     /// The buffer after another UAV has taken `bits` [bit] in `slot`, where its visits are not flown through.
-    fn leave(_sensor: &SensorModel, level: Self::Level, _slot: f64, _bits: f64) -> Self::Level {
+    fn leave(sensor: &SensorModel, level: Self::Level, slot: f64, bits: f64) -> Self::Level {
+        let _ = (sensor, slot, bits);
         level
     }
 
@@ -48,13 +49,15 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     fn rest(sensor: &SensorModel, level: Self::Level, end: f64) -> f64;
 
     /// What the `slots` slots after the window, which ends with `end`, are expected to cost.
-    fn beyond(_sensor: &SensorModel, _level: Self::Level, _end: f64, _round_slots: f64, _slots: f64) -> f64 {
+    fn beyond(sensor: &SensorModel, level: Self::Level, end: f64, round_slots: f64, slots: f64) -> f64 {
+        let _ = (sensor, level, end, round_slots, slots);
         0.0
     }
 
     /// By how much a visit at the end of `slot` costs more for each slot later, if that is the same for all visits up to
     /// `within` slots earlier or later, and the buffers after them, too, each at its time; `None` if it may not be.
-    fn slope(_sensor: &SensorModel, _level: Self::Level, _slot: f64, _capacity: f64, _within: f64) -> Option<f64> {
+    fn slope(sensor: &SensorModel, level: Self::Level, slot: f64, capacity: f64, within: f64) -> Option<f64> {
+        let _ = (sensor, level, slot, capacity, within);
         None
     }
 
@@ -71,12 +74,14 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     fn agree(sensor: &SensorModel, now: &Reached<Self::Level>, then: &Reached<Self::Level>) -> bool;
 
     /// The queue at the beginning of `slot` [bit], where plans hover.
-    fn queue_bits(_sensor: &SensorModel, _level: Self::Level, _slot: f64) -> f64 {
+    fn queue_bits(sensor: &SensorModel, level: Self::Level, slot: f64) -> f64 {
+        let _ = (sensor, level, slot);
         0.0
     }
 
     /// What each slot in the air costs, over a window of `slots` slots that begins with these buffers.
-    fn slot_cost(_sensors: &[SensorModel], _levels: &[Self::Level], _slots: i32) -> f64 {
+    fn slot_cost(sensors: &[SensorModel], levels: &[Self::Level], slots: i32) -> f64 {
+        let _ = (sensors, levels, slots);
         0.0
     }
 
