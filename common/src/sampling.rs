@@ -62,6 +62,7 @@ impl Sampling {
     }
 
     /// The sampling with these means [bit], by id, and the same buffers.
+    #[must_use]
     pub fn with_means(&self, mean_bits: Vec<f64>) -> Self {
         Self::of_buffers(mean_bits, self.capacity_bits.clone()).with_expiry(self.expiry)
     }

@@ -79,6 +79,7 @@ impl Sensors {
     ///
     /// # Panics
     /// If an SN is unknown.
+    #[must_use]
     pub fn subset(&self, ids: &[u32], grid: impl FnOnce(&[Position]) -> Grid) -> Self {
         let positions: Vec<Position> = ids.iter().map(|&id| *self.position(id)).collect();
         let samplers: Vec<Sampler> = ids.iter().map(|&id| self.sampler(id)).collect();

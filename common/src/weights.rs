@@ -38,6 +38,7 @@ impl Weights {
     }
 
     /// The weights of the SNs `ids`, which get the ids 0, 1, … in that order; values and factors stay the same.
+    #[must_use]
     pub fn subset(&self, ids: &[u32]) -> Self {
         let weights = match &self.weights {
             PerSensor::Equal(weight) => PerSensor::Equal(*weight),

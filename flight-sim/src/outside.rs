@@ -76,7 +76,7 @@ pub trait OutsideVehicle {
 #[derive(Debug, Clone)]
 pub struct OutsideFleet {
     /// Where they were, and what they hear there.
-    pub fleet: Fleet,
+    pub(crate) fleet: Fleet,
     area: Area,
     /// The published sensor nodes.
     sensors: Vec<SensorNode>,

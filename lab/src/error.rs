@@ -10,7 +10,7 @@ pub enum LabError {
     Mission(MissionError),
     /// A mean is not on the axis of a figure.
     #[error("figure {title:?}: mean {mean} at {x}: expected a finite number, not below 0 on a logarithmic scale")]
-    Mean {
+    FigureMean {
         /// Title of the figure.
         title: String,
         /// Value on the x axis.
@@ -20,13 +20,13 @@ pub enum LabError {
     },
     /// Nothing is on the logarithmic axis of a figure.
     #[error("figure {title:?}: all means are 0: expected one above it on a logarithmic scale")]
-    AllZero {
+    FigureZeros {
         /// Title of the figure.
         title: String,
     },
     /// A text of a figure has a character without a glyph.
     #[error("figure text {text:?}: {missing}")]
-    Text {
+    FigureText {
         /// The text.
         text: String,
         /// The character.
@@ -44,7 +44,7 @@ impl LabError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),
-            Self::Mean { .. } | Self::AllZero { .. } | Self::Text { .. } => 1,
+            Self::FigureMean { .. } | Self::FigureZeros { .. } | Self::FigureText { .. } => 1,
         }
     }
 }

@@ -83,7 +83,8 @@ impl ConeProgram {
     }
 }
 
-/// Repeatable results: one thread, and no time limit.
+/// Repeatable results: one thread, no time limit, and all rows are kept, so that solutions have those of the program.
+/// Equilibration does no harm where a solver is made anew for each program: results do not depend on earlier ones.
 pub(crate) fn settings() -> DefaultSettings<f64> {
     DefaultSettings {
         verbose: false,

@@ -83,6 +83,7 @@ impl MissionTable {
 
     /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, what is heard of
     /// links, and the turns if positions and range are the same.
+    #[must_use]
     pub fn over(&self, scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
         let mut other = Self::within(scenario, sensors, Arc::clone(&self.airspace));
         other.heard.clone_from(&self.heard);

@@ -437,7 +437,7 @@ class Decision:
 
     def __new__(cls, waypoint: ArrayLike, serve: Iterable[int] | None = None) -> Self:
         """``waypoint`` [m]; without z, a free altitude is the best for the SNs served. ``serve`` contains ids, by default
-        the n fullest in range.
+        those of the n fullest in range, by weight and queue.
 
         Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
         """
@@ -542,7 +542,12 @@ def simulate(
 ) -> Run: ...
 def visits_of(
     scenario: Scenario, places: NDArray[np.float64], steps: int
-) -> tuple[NDArray[np.float64], float, float]: ...
+) -> tuple[NDArray[np.float64], float, float]:
+    """The visits of :func:`skysink.plan_visits`, a row each: slot, SN, x and y [m]; their cost, and a bound.
+
+    ``places`` has a row for each SN: x and y [m], buffer [bit], rate [bit/s], weight, queue [bit].
+    """
+
 def library_instances() -> list[dict[str, Any]]: ...
 def library_copy(name: str, folder: Path) -> Path: ...
 def library_verify(paths: Sequence[Path], instance: str | None) -> dict[str, Any]: ...

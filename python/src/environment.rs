@@ -62,9 +62,15 @@ impl PyEnvironmentCore {
         self.episodes[0].width()
     }
 
-    /// The numbers of the episodes with these seeds, or the next ones. Refuses those that have no seed.
-    fn numbers_of(&self, seeds: Vec<Option<u64>>) -> PyResult<Vec<u64>> {
-        let count = self.episodes.len() as u64;
+    /// The numbers of the episodes with these seeds, or the next ones, where a mask has `masked` entries. Refuses those
+    /// that have no seed.
+    fn numbers_of(&self, seeds: Vec<Option<u64>>, masked: usize) -> PyResult<Vec<u64>> {
+        let expected = self.episodes.len();
+        if [seeds.len(), masked] != [expected; 2] {
+            let seeds = seeds.len();
+            return Err(refused(format!("{seeds} seeds, reset_mask of {masked}: expected {expected} of each")));
+        }
+        let count = expected as u64;
         let number = |(episode, seed): (&Episode, Option<u64>)| {
             let number = seed.unwrap_or_else(|| episode.following(count));
             episode.course.checked_seed(number).map(|_| number)
@@ -241,12 +247,7 @@ impl PyEnvironmentCore {
         seeds: Vec<Option<u64>>,
         mask: Vec<bool>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let count = self.episodes.len();
-        if [seeds.len(), mask.len()] != [count; 2] {
-            let [seeds, mask] = [seeds.len(), mask.len()];
-            return Err(refused(format!("{seeds} seeds, reset_mask of {mask}: expected {count} of each")));
-        }
-        let numbers = self.numbers_of(seeds)?;
+        let numbers = self.numbers_of(seeds, mask.len())?;
         let mut observed = Observations::of(&self.episodes);
         let (mut rows, kinds) = observed.rows();
         let entries = numbers.into_iter().zip(mask).zip(rows.chunks_mut(kinds));
@@ -270,7 +271,7 @@ impl PyEnvironmentCore {
         seeds: Vec<Option<u64>>,
         mut observations: PyReadwriteArray3<'_, f32>,
     ) -> PyResult<()> {
-        let numbers = self.numbers_of(seeds)?;
+        let numbers = self.numbers_of(seeds, self.episodes.len())?;
         self.expect_observations(&observations)?;
         let row = self.agents() * self.width();
         let entries = numbers.into_iter().zip(observations.as_slice_mut()?.chunks_mut(row));

@@ -33,7 +33,7 @@ pub fn of_mission(error: MissionError) -> PyErr {
 pub fn of_lab(error: LabError) -> PyErr {
     match error {
         LabError::Mission(error) => of_mission(error),
-        LabError::Mean { .. } | LabError::AllZero { .. } | LabError::Text { .. } => {
+        LabError::FigureMean { .. } | LabError::FigureZeros { .. } | LabError::FigureText { .. } => {
             PyRuntimeError::new_err(error.to_string())
         }
     }

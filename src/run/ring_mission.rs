@@ -100,7 +100,8 @@ impl RingMission<'_> {
         let progress = TerminalProgress::of_slots();
         let (ring, wait) = Ring::<ipc::Service>::join(self.ring, scenario, Role::Launcher, self.stop)?;
         let _janitor = Janitor::start(self.ring);
-        let vehicle = options.vehicle.iter().map(|_| Role::FlightSim); // which has to get ready and to take off
+        // Programs of the user may begin late, and a vehicle has to get ready and to take off.
+        let vehicle = options.vehicle.iter().map(|_| Role::FlightSim);
         let roles = options.external.iter().copied().chain(vehicle).collect();
         let external = ExternalTimeout { roles, timeout: self.external_timeout() };
         let mut recorder = Recorder::new(&ring, wait, external)?;

@@ -35,7 +35,7 @@ fn kill_at_random(run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
 fn kills_at_any_time_do_not_change_the_trace() {
     let place = Place::new();
     let mut kills = 0;
-    let fleets = [(1, "independent"); 4].into_iter().chain([(2, "sequential"), (4, "partition"), (8, "sequential")]);
+    let fleets = [(1, "independent"); 3].into_iter().chain([(2, "sequential"), (4, "partition"), (8, "sequential")]);
     for (seed, (strategy, (uavs, coordination))) in (1..).zip(["uts", "gfs", "rfs"].into_iter().cycle().zip(fleets)) {
         let out = format!("killed-by-seed-{seed}");
         let mut flight = longer(&place).strategy(strategy).out(&out).without_viewer();
@@ -56,7 +56,7 @@ fn kills_at_any_time_do_not_change_the_trace() {
             assert_eq!(simulated[key], killed[key], "seed {seed}: {key}");
         }
     }
-    assert!(kills >= 150, "{kills} kills"); // usually some hundred
+    assert!(kills >= 80, "{kills} kills"); // usually more than a hundred
     place.assert_clean();
 }
 
@@ -91,7 +91,7 @@ fn a_restarted_planner_restores_its_state() {
     ] {
         let run = flight.strategy(strategy).without_viewer().start();
         for kill in 1..=4 {
-            run.until_slot(300 * kill);
+            run.until_slot(250 * kill);
             RING[kill % 3..].iter().for_each(|role| run.kill(role));
         }
         run.wait_for_success();

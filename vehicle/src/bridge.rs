@@ -195,7 +195,7 @@ impl Bridge {
         is_flown && self.members.iter().all(|member| member.control.has_begun() || is_over(&member.control))
     }
 
-    /// What is known of the vehicle of a UAV, by its number from 0.
+    /// The bridge's side of the vehicle of a UAV, by its number from 0.
     pub fn control(&self, uav: usize) -> &VehicleControl {
         &self.members[uav].control
     }

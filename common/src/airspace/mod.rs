@@ -189,7 +189,7 @@ impl Airspace {
         }
     }
 
-    /// Whether it may lead there in a slot, as all of a grid's moves do; always without a grid.
+    /// Whether a straight way from `from` to `to` [m] keeps to the grid; always without one.
     pub fn is_move(&self, from: &Position, to: &Position) -> bool {
         self.grid.as_ref().is_none_or(|grid| grid.is_free(from, to))
     }

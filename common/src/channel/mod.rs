@@ -318,6 +318,7 @@ impl LinkBudget {
     }
 
     /// The link as plans reckon with it: every contact is new, and as many SNs as possible share a slot.
+    #[must_use]
     pub fn planned(&self) -> Self {
         Self { comm_s: self.contact_s(self.resource_blocks, true), ..self.clone() }
     }

@@ -49,6 +49,9 @@ impl Source<'_> {
 
 /// Fills in the defaults of `keys` that `table`, called `name`, and the tables in it lack, except those of the dotted
 /// names `displaced`.
+///
+/// # Panics
+/// If a declared default is not TOML.
 pub fn fill(keys: &[Key], name: &str, table: &mut Table, displaced: &[String]) {
     for key in keys {
         let name = join(name, key.name);

@@ -248,6 +248,7 @@ impl Scenario {
 
     /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one
     /// UAV.
+    #[must_use]
     pub fn of_uav(&self, uav: usize) -> Self {
         let mut alone = self.clone();
         if self.uav.uavs() > 1 {

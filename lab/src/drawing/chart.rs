@@ -107,8 +107,10 @@ impl Chart {
         let is_drawable = |mean: f64| mean.is_finite() && (!is_log || mean >= 0.0);
         let title = || self.look.title.clone();
         match self.points().find(|point| !is_drawable(point.mean)) {
-            Some(&CurvePoint { x, mean, .. }) => Err(LabError::Mean { title: title(), x, mean }),
-            None if is_log && self.points().all(|point| point.mean == 0.0) => Err(LabError::AllZero { title: title() }),
+            Some(&CurvePoint { x, mean, .. }) => Err(LabError::FigureMean { title: title(), x, mean }),
+            None if is_log && self.points().all(|point| point.mean == 0.0) => {
+                Err(LabError::FigureZeros { title: title() })
+            }
             None => Ok(()),
         }
     }

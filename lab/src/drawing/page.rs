@@ -124,7 +124,7 @@ impl Page {
         let document = self.document.set("width", in_pt(width)).set("height", in_pt(height));
         let svg = document.set("viewBox", (0.0, 0.0, width, height)).to_string();
         for text in svg.split(['<', '>']).map(str::trim) {
-            let refuse = |missing| LabError::Text { text: text.to_owned(), missing };
+            let refuse = |missing| LabError::FigureText { text: text.to_owned(), missing };
             check_text(text).map_err(refuse)?;
         }
         let file = stem.with_added_extension("svg");

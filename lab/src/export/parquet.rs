@@ -25,7 +25,9 @@ fn write(run: &RecordedRun) -> Vec<u8> {
     let uavs = UInt32Array::from_iter_values(lines.iter().map(|slot| slot.uav as u32));
     let uploads_bits = run.uploads_bits.iter().flatten().map(|slot| Some(slot.iter().copied().map(Some)));
     let uploads_bits = ListArray::from_iter_primitive::<UInt64Type, _, _>(uploads_bits);
-    columns[1] = ("uav", Arc::new(uavs));
-    columns.insert(6, ("uploads_bits", Arc::new(uploads_bits))); // beside `scheduled`
+    let place = |name: &str| columns.iter().position(|(column, _)| *column == name).expect("a column of the slots");
+    let [uav, scheduled] = ["uav", "scheduled"].map(place);
+    columns[uav].1 = Arc::new(uavs);
+    columns.insert(scheduled + 1, ("uploads_bits", Arc::new(uploads_bits)));
     parquet(columns)
 }

@@ -75,11 +75,11 @@ pub struct CarriedPlan<O: Objective> {
     served: Vec<u32>,
     /// The remaining stops.
     pub(super) stops: Vec<PlannedStop>,
-    pub(super) plan: PlanState,
+    pub(super) state: PlanState,
     objective: PhantomData<O>,
 }
 
-/// How the plan is searched for, and flown.
+/// How the plan is searched for, and flown, also in checkpoints: its fields and their order are those of their bytes.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct PlanState {
     /// Temperature of the next search, 0 to 1: the cost accepted with probability 1/e, as a fraction of the mean cost
@@ -102,7 +102,7 @@ pub(super) struct PlanState {
 struct Saved {
     stops: Vec<PlannedStop>,
     points: Vec<([f64; 2], u32)>,
-    plan: PlanState,
+    state: PlanState,
     counts: Vec<OperatorCounts>,
     served: Vec<u32>,
 }
@@ -140,7 +140,7 @@ impl<O: Objective> CarriedPlan<O> {
             counts: vec![OperatorCounts::default(); operators::<O>().len()],
             served: if O::COUNTS_AGES { vec![0; sensors.count()] } else { Vec::new() },
             stops: Vec::new(),
-            plan: PlanState { temperature: FIRST_TEMPERATURE, ..PlanState::default() },
+            state: PlanState { temperature: FIRST_TEMPERATURE, ..PlanState::default() },
             objective: PhantomData,
         }
     }
@@ -167,7 +167,7 @@ impl<O: Objective> CarriedPlan<O> {
             }
             let first = self.stops.first().copied();
             self.stops.retain(|stop| !self.model.is_dead(stop.disk)); // a silent one may send again
-            self.plan.is_under_way &= self.stops.first().copied() == first;
+            self.state.is_under_way &= self.stops.first().copied() == first;
         }
         if !belief.is_estimated() {
             return;
@@ -245,12 +245,12 @@ impl<O: Objective> CarriedPlan<O> {
 
     /// Whether it has searched.
     pub fn has_searched(&self) -> bool {
-        self.plan.has_begun
+        self.state.has_begun
     }
 
     /// Whether it has searched, or carries a plan from the slot before.
     pub fn has_plan(&self) -> bool {
-        if O::HOVERS { self.plan.has_begun } else { !self.stops.is_empty() }
+        if O::HOVERS { self.state.has_begun } else { !self.stops.is_empty() }
     }
 
     /// Loads a first plan that hovers: see [`start::begin_at_points`]. `offered` are points, each with a sensor by its id.
@@ -277,26 +277,26 @@ impl<O: Objective> CarriedPlan<O> {
     /// steps of the slots after it, which have fewer then.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
         if O::HOVERS {
-            let is_first = !self.plan.has_begun;
+            let is_first = !self.state.has_begun;
             let steps = u64::from(self.keys.iterations);
-            let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
+            let halved = steps >> self.state.vain_searches.min(MOST_HALVINGS);
             let steps = if is_first { first_steps } else { halved.max(steps.min(1)) };
-            self.plan.has_begun = true;
+            self.state.has_begun = true;
             return self.improve_points(view.slot, steps, is_first, forecast, is_over);
         }
         let steps = self.keys.iterations;
         let left = steps.div_ceil(LEFT);
-        if !self.plan.has_begun && view.is_certain() {
+        if !self.state.has_begun && view.is_certain() {
             let advanced = u64::from(steps - left);
             let most = (self.most_advanced(view) / advanced.max(1)).min(forecast.window.slots as u64);
             let slots = most.min(ADVANCE_SLOTS);
             let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
             if self.prepare(view, forecast, advanced * slots, watch).is_some() {
-                self.plan.advanced = view.slot + slots;
+                self.state.advanced = view.slot + slots;
             }
         }
-        self.plan.has_begun = true;
-        self.improve(view.slot, if view.slot < self.plan.advanced { left } else { steps }, forecast, is_over);
+        self.state.has_begun = true;
+        self.improve(view.slot, if view.slot < self.state.advanced { left } else { steps }, forecast, is_over);
     }
 
     /// Carries the part of the plan of `forecast` after the slot of `view`, whose waypoint is `waypoint` [m]; where plans
@@ -310,13 +310,13 @@ impl<O: Objective> CarriedPlan<O> {
         }
         let first = legs.partition_point(|leg| leg.end == 0);
         self.stops.extend(legs[first..].iter().map(|leg| leg.stop));
-        self.plan.is_under_way = legs.get(first).is_some_and(|leg| leg.via.is_none());
-        if let Some(stop) = self.stops.first_mut().filter(|_| self.plan.is_under_way)
+        self.state.is_under_way = legs.get(first).is_some_and(|leg| leg.via.is_none());
+        if let Some(stop) = self.stops.first_mut().filter(|_| self.state.is_under_way)
             && is_there(&forecast.window.start, waypoint)
         {
             stop.hovers = stop.hovers.saturating_sub(1);
         }
-        self.plan.waypoint = (self.beside_m > 0.0 && self.plan.is_under_way).then_some((*waypoint).into());
+        self.state.waypoint = (self.beside_m > 0.0 && self.state.is_under_way).then_some((*waypoint).into());
         self.model.keep_points(&mut self.stops);
     }
 
@@ -342,7 +342,7 @@ impl<O: Objective> CarriedPlan<O> {
         let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
         // A UAV beside its waypoint has arrived: otherwise a hover would never be over.
         let ground = view.ground();
-        let arrived = self.plan.waypoint.map(Position::from).filter(|at| within(at, &ground, self.beside_m));
+        let arrived = self.state.waypoint.map(Position::from).filter(|at| within(at, &ground, self.beside_m));
         let start = arrived.unwrap_or(ground);
         let begun = view.slot.saturating_sub(1) as f64;
         let age_slots = |id: u32| self.served.get(id as usize).map_or(0.0, |served| begun - f64::from(*served));
@@ -350,7 +350,7 @@ impl<O: Objective> CarriedPlan<O> {
             PlanningWindow::new(&self.model, start, view.belief.queues_bits, age_slots, slots, left - slots)
                 .with_battery(view.slot.saturating_sub(1), view.battery.energy_j);
         if O::HOVERS {
-            window.under_way = self.stops.first().filter(|_| self.plan.is_under_way).map(|stop| stop.disk);
+            window.under_way = self.stops.first().filter(|_| self.state.is_under_way).map(|stop| stop.disk);
             // What other UAVs will take is theirs.
             for visit in view.intents().unwrap_or_default() {
                 if let Ok(sensor) = self.model.ids.binary_search(&visit.sensor) {
@@ -375,7 +375,7 @@ impl<O: Objective> Checkpoint for CarriedPlan<O> {
         let saved = Saved {
             stops: self.stops.clone(),
             points: points.map(|point| (point.disk.centre.into(), point.members[0])).collect(),
-            plan: self.plan.clone(),
+            state: self.state.clone(),
             counts: self.counts.clone(),
             served: self.served.clone(),
         };
@@ -383,22 +383,22 @@ impl<O: Objective> Checkpoint for CarriedPlan<O> {
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let Saved { stops, points, plan, counts, served } = decode(bytes)?;
-        CheckpointError::ensure((0.0..=1.0).contains(&plan.temperature), "a temperature from 0 to 1")?;
+        let Saved { stops, points, state, counts, served } = decode(bytes)?;
+        CheckpointError::ensure((0.0..=1.0).contains(&state.temperature), "a temperature from 0 to 1")?;
         let disks = if O::HOVERS { points.len() } else { self.model.disks.len() };
         CheckpointError::ensure(stops.iter().all(|stop| (stop.disk as usize) < disks), "stops of this field")?;
         let is_point = |point: &[f64; 2]| point.iter().all(|coordinate_m| coordinate_m.is_finite());
         let is_known =
             |(point, sensor): &([f64; 2], u32)| (*sensor as usize) < self.model.sensors.len() && is_point(point);
         CheckpointError::ensure(points.iter().all(is_known), "points of this field")?;
-        CheckpointError::ensure(plan.waypoint.iter().all(is_point), "a waypoint")?;
+        CheckpointError::ensure(state.waypoint.iter().all(is_point), "a waypoint")?;
         CheckpointError::ensure(counts.len() == self.counts.len(), "the operators of this objective")?;
         CheckpointError::ensure(served.len() == self.served.len(), "a service of each sensor node")?;
         if O::HOVERS {
             self.model.disks.clear();
             points.iter().for_each(|(point, sensor)| _ = self.model.add_point(*sensor, (*point).into(), 0));
         }
-        (self.stops, self.plan, self.counts, self.served) = (stops, plan, counts, served);
+        (self.stops, self.state, self.counts, self.served) = (stops, state, counts, served);
         Ok(())
     }
 }

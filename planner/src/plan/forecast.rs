@@ -135,7 +135,7 @@ impl<O: Objective> Forecast<O> {
     /// its index in the old plan, or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(PlannedStop, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
-        // Until there; where plans do not hover, of the plan.
+        // The cost until there; where plans do not hover, of the whole plan.
         let mut cost = if O::HOVERS {
             self.restore(model, start)
         } else {

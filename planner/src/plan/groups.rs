@@ -38,7 +38,7 @@ const FILL: f64 = 1.0 - 1e-9;
 /// Energies that differ by less are equal up to rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// A stop of a plan.
+/// A stop of a plan, also in checkpoints: its fields and their order are those of their bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlannedStop {
     /// The disk of the model that it is served from.

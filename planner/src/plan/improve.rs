@@ -71,7 +71,7 @@ impl<O: Objective> CarriedPlan<O> {
         let progress = if window.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
         let ceiling = LAST_CEILING.powf(progress);
         let is_annealed = self.keys.without != Some(LookAheadPart::Annealing);
-        let temperature = if is_annealed { self.plan.temperature.min(ceiling) } else { 0.0 };
+        let temperature = if is_annealed { self.state.temperature.min(ceiling) } else { 0.0 };
         let cooling = Cooling::FarAhead(avoidable / begun.len().max(1) as f64 * temperature);
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
         let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts, patience: u64::MAX };
@@ -81,9 +81,9 @@ impl<O: Objective> CarriedPlan<O> {
         forecast.load(model, forecast.stops());
         let rise = forecast.cost - begun_cost;
         if rise > 0.0 {
-            self.plan.temperature = (self.plan.temperature * COOLING).max(LEAST_TEMPERATURE);
+            self.state.temperature = (self.state.temperature * COOLING).max(LEAST_TEMPERATURE);
         } else if rise < 0.0 {
-            self.plan.temperature = (self.plan.temperature * REHEATING).min(1.0);
+            self.state.temperature = (self.state.temperature * REHEATING).min(1.0);
         }
         if rise > avoidable * MOST_RISE {
             forecast.load(model, begun);
@@ -123,6 +123,6 @@ impl<O: Objective> CarriedPlan<O> {
         let is_vain = best.0 >= begun_cost && best.0 <= least * (1.0 - LITTLE);
         forecast.load(model, best.1);
         forecast.keeps_idle = true;
-        self.plan.vain_searches = if is_vain { self.plan.vain_searches.saturating_add(1) } else { 0 };
+        self.state.vain_searches = if is_vain { self.state.vain_searches.saturating_add(1) } else { 0 };
     }
 }

@@ -78,7 +78,7 @@ impl<O: Objective> CarriedPlan<O> {
         steps: u64,
         watch: &mut Watch<'_>,
     ) -> Option<SearchOutcome> {
-        self.plan.has_begun = true;
+        self.state.has_begun = true;
         let begun = (forecast.cost, forecast.stops());
         let mut best = begun.clone();
         let mut ended = ControlFlow::Continue((0, false));
@@ -103,7 +103,7 @@ impl<O: Objective> CarriedPlan<O> {
         start::extend(&self.model, forecast); // as a planner does when it resumes the plan
         let (steps, is_optimal) = ended.continue_value()?;
         self.stops = forecast.stops();
-        self.plan.temperature = LATER_TEMPERATURE;
+        self.state.temperature = LATER_TEMPERATURE;
         Some(SearchOutcome { cost: forecast.cost, steps, is_optimal })
     }
 

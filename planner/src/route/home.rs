@@ -37,7 +37,7 @@ pub struct Home {
     motion: Motion,
     airspace: Arc<Airspace>,
     /// Places well inside of the base [m].
-    pub places: Arc<[Position]>,
+    pub(crate) places: Arc<[Position]>,
 }
 
 /// What becomes of a decision for a slot by the return rule.

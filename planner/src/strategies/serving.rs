@@ -67,7 +67,8 @@ impl Serving {
         self.decision(view, &ground)
     }
 
-    /// As [`Self::serve_fullest`], but those in range that are first before the others.
+    /// As [`Self::serve_by`], for the n SNs of most value, whatever the objective, of which those that are first come before
+    /// the others.
     pub fn serve_first(&mut self, view: &View, ground: &Position, is_first: impl Fn(u32) -> bool) -> Decision {
         self.serve_by(view, ground, |id| (!is_first(id), fullest_first(view.value(id), id)))
     }

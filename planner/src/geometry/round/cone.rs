@@ -42,7 +42,7 @@ pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let legs = if field.is_closed { stops } else { stops - 1 };
     // Variables: x and y of each free point, then the length of each leg.
     let mut program = ConeProgram::new(2 * order.len() + legs);
-    program.quadratic.clear();
+    program.quadratic.clear(); // a linear program, for which Clarabel takes other steps than for zeros
     for leg in 0..legs {
         let length = 2 * order.len() + leg;
         program.linear[length] = 1.0;
