@@ -1,8 +1,8 @@
 //! Exports a finished run to the formats of other programs.
 //!
-//! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. [`track`]
-//! converts the flight to latitude and longitude, [`vehicle`] to a vehicle mission: with waypoints of [`stops`],
-//! altitudes of [`altitude`] over the [`ground`], and an estimate of its time by [`duration`].
+//! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. `track`
+//! converts the flight to latitude and longitude, `vehicle` to a vehicle mission: with waypoints of `stops`,
+//! altitudes of `altitude` over the `ground`, and an estimate of its time by `duration`.
 
 mod altitude;
 mod autopilot;
