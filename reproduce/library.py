@@ -1,9 +1,11 @@
 """The standings of the library: what strategies reach on its instances, and their gaps to the best known flights."""
 
 import csv
+import hashlib
 import importlib.metadata
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections import defaultdict
@@ -86,6 +88,11 @@ def version_of(executable):
     return subprocess.run([executable, "--version"], check=True, capture_output=True, text=True).stdout.split()[1]
 
 
+def digest_of(executable):
+    """What tells builds of a version apart: flights of another build are not those of this one."""
+    return hashlib.sha256(Path(executable).read_bytes()).hexdigest()[:12]
+
+
 def flown_by(executable, instance, seeds, strategy, options, folder):
     """The runs that the executable of an earlier release leaves; none if it cannot fly the instance in time."""
     runs = []
@@ -113,7 +120,7 @@ class Standings:
     def __init__(self, folder, version, threads, earlier=None):
         self.earlier = earlier
         self.version = version_of(earlier) if earlier else label_of(version)
-        self.folder = folder / self.version
+        self.folder = folder / f"{self.version}-{digest_of(earlier or shutil.which('skysink'))}"
         self.folder.mkdir(parents=True, exist_ok=True)
         self.seeds = {row["name"]: row["seeds"] for row in command("list")}
         self.instances = list(self.seeds)
