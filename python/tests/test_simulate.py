@@ -6,6 +6,7 @@ import gc
 import json
 import multiprocessing
 import pickle
+import signal
 import threading
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -130,11 +131,13 @@ def test_a_mission_can_be_interrupted() -> None:
 
     sparse = skysink.Scenario.load(ROOT / "scenarios" / "sparse.toml")
     scenario = sparse.replace({"area.side_m": 1000.0, "planner.offline.steps": 10**12})
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()
     with pytest.raises(KeyboardInterrupt):
         skysink.simulate(scenario, "offline")  # which would take days
     timer.join()
+    signal.signal(signal.SIGINT, before)
 
 
 def test_other_threads_run_during_a_mission() -> None:
