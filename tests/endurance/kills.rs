@@ -135,8 +135,9 @@ fn every_restart_is_recorded() {
         .flat_map(|role| [("was killed by signal 9", role), ("was restarted (restart 1)", role)])
         .map(|(event, role)| ((*role).to_owned(), event.to_owned()))
         .collect();
-    // On a busy machine slots are held until the planner is back.
-    let restarts: Vec<_> = events(&place).into_iter().filter(|(_, event)| !event.contains("no plan in time")).collect();
+    // On a busy machine a plan or a flight is late, too.
+    let is_restart = |event: &str| event.contains("killed") || event.contains("restarted");
+    let restarts: Vec<_> = events(&place).into_iter().filter(|(_, event)| is_restart(event)).collect();
     assert_eq!(restarts, expected);
     for (process, event) in expected {
         assert!(ended.stderr.contains(&format!("{process} {event}")), "{ended:?}");
