@@ -157,14 +157,24 @@ pub fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> {
 /// Adds `bits` to queues in buffers of the same capacity.
 ///
 /// Without an overflow the bits are added without counting, which shortens a slot from 1.8 to 0.8 µs at 10^4 SNs, and
-/// from 0.23 to 0.17 ms at 10^6.
+/// from 0.23 to 0.17 ms at 10^6. With an overflow they are counted in 32 bits if these suffice.
 #[inline(always)]
 fn fill_equally(queues_bits: &mut [u32], bits: u64, capacity_bits: u32) -> Sampled {
+    let sampled_bits = bits * queues_bits.len() as u64;
     let longest_bits = queues_bits.iter().fold(0, |longest, &queue_bits| queue_bits.max(longest));
     match u32::try_from(bits) {
         Ok(each_bits) if each_bits <= capacity_bits - longest_bits => {
             queues_bits.iter_mut().for_each(|queue_bits| *queue_bits += each_bits);
-            Sampled { sampled_bits: bits * queues_bits.len() as u64, lost_bits: 0 }
+            Sampled { sampled_bits, lost_bits: 0 }
+        }
+        Ok(each_bits) if sampled_bits <= u32::MAX.into() => {
+            let mut stored_bits = 0;
+            for queue_bits in queues_bits {
+                let stored = each_bits.min(capacity_bits - *queue_bits);
+                *queue_bits += stored;
+                stored_bits += stored;
+            }
+            Sampled { sampled_bits, lost_bits: sampled_bits - u64::from(stored_bits) }
         }
         _ => fill(queues_bits, repeat(bits), repeat(capacity_bits)),
     }
