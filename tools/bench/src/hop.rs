@@ -2,7 +2,7 @@
 //! in the ring records them.
 //!
 //! Each process waits for the message of the one before it and sends its own, as large as the ring's: queues, plan,
-//! flight report. Nothing is planned, flown or saved.
+//! flight report. The queues grow before they are sent, as new ones must be written; nothing is planned, flown or saved.
 
 use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader};
@@ -22,6 +22,7 @@ use serde::Serialize;
 use skysink::run::executables;
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
+use skysink_common::simd::{BLOCK, vectorized};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::latency::{Spread, histogram};
@@ -42,6 +43,9 @@ pub const PROGRAM: &str = "hop";
 
 /// Rounds before the first that is timed.
 const WARM_UP: u64 = 100;
+
+/// The buffer of a sensor node [bit].
+const MOST_BITS: u32 = 30_000;
 
 /// Longest wait for a message.
 const TIMEOUT: Duration = Duration::from_secs(30);
@@ -243,7 +247,7 @@ impl Ports {
 
     /// Starts every round with the first message, and times the rounds until the last message is back.
     fn time_rounds(&self, case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
-        let message = vec![7; message_bytes(case, 0)];
+        let mut queues_bits = vec![0; case.sensors as usize];
         let period = case.pace.period(1.0).unwrap_or(Duration::ZERO);
         let mut times = histogram();
         let mut next = Instant::now();
@@ -251,7 +255,7 @@ impl Ports {
             stop.check()?;
             thread::sleep(next.saturating_duration_since(Instant::now()));
             let begin = Instant::now();
-            self.send(&message)?;
+            self.send_grown(&mut queues_bits)?;
             self.inlet.receive(case.wait, stop)?;
             if round >= WARM_UP {
                 times.saturating_record(nanoseconds(begin));
@@ -264,6 +268,23 @@ impl Ports {
     fn send(&self, message: &[u8]) -> Result<(), BenchError> {
         let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
         sample.write_from_slice(message).send().map_err(failed)?;
+        self.notify()
+    }
+
+    /// Lets the queues grow, and sends them: block by block, as the field does.
+    fn send_grown(&self, queues_bits: &mut [u32]) -> Result<(), BenchError> {
+        let mut sample = self.publisher.loan_slice_uninit(size_of_val(queues_bits)).map_err(failed)?;
+        let messages = sample.payload_mut().chunks_mut(BLOCK * size_of::<u32>());
+        for (queues_bits, message) in queues_bits.chunks_mut(BLOCK).zip(messages) {
+            vectorized(|| queues_bits.iter_mut().for_each(|bits| *bits = (*bits + 1).min(MOST_BITS)));
+            message.write_copy_of_slice(bytemuck::cast_slice(queues_bits));
+        }
+        // SAFETY: every element is written, as both have as many blocks.
+        unsafe { sample.assume_init() }.send().map_err(failed)?;
+        self.notify()
+    }
+
+    fn notify(&self) -> Result<(), BenchError> {
         self.notifier.notify().map(drop).map_err(failed)
     }
 }
