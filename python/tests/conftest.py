@@ -12,6 +12,12 @@ import skysink
 
 ROOT = Path(__file__).resolve().parents[2]
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begins with the pages of the book, which take longest."""
+    items.sort(key=lambda item: item.path.stem != "test_pages")
+
+
 GFS = '''
 import skysink
 
