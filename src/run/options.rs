@@ -299,14 +299,11 @@ impl RunOptions {
         if scenario.area.origin().is_none() {
             return refuse("expected a scenario with area.origin_lat_deg and area.origin_lon_deg");
         }
-        let [count, uavs] = [addresses.split(',').count(), scenario.uav.uavs()];
-        if count != 1 && count != uavs {
-            return refuse(&format!("{count} addresses for {uavs} UAVs: expected one, or one for each"));
-        }
-        if count < uavs && addresses.split(['?', '&']).any(|option| option.starts_with("system=")) {
-            return refuse(&format!(
-                "one system for {uavs} UAVs: expected none, or an address with ?system=N for each"
-            ));
+        #[cfg(feature = "mavlink")]
+        {
+            let addresses: Result<Vec<_>, _> = addresses.split(',').map(str::parse).collect();
+            let checked = addresses.and_then(|all| skysink_vehicle::wire::check_addresses(&all, scenario.uav.uavs()));
+            checked.or_else(|message| refuse(&message))?;
         }
         Ok(())
     }

@@ -20,6 +20,7 @@ use skysink_ring::wait::Stopwatch;
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
+use crate::run::commands::VehicleOption;
 use crate::run::link;
 use crate::run::options::{Launch, RunOptions};
 use crate::run::process::{Invocation, POLL_EVERY, Process};
@@ -203,7 +204,11 @@ impl RingMission<'_> {
         workers.release();
         recorder.release(slot, hash)?;
         let released = Instant::now();
-        let landing = if self.options.vehicle.is_some() { self.external_timeout() } else { END_TIMEOUT };
+        let landing = match &self.options.vehicle {
+            Some(VehicleOption::Mavlink(_)) => Duration::MAX, // the bridge ends by itself, or by Ctrl-C
+            Some(VehicleOption::Command(_)) => self.external_timeout(),
+            None => END_TIMEOUT,
+        };
         loop {
             let elapsed = released.elapsed();
             let are_ending = workers.is_external_alive() || !workers.have_ended(|_| true);

@@ -26,6 +26,9 @@ const DEFAULT_LOW_BATTERY: f64 = 0.15;
 const PATIENCE_S: f64 = 30.0;
 const PATIENCE_SLOTS: f64 = 3.0;
 
+/// Time that vehicles at their starts wait for others before they return [s]: a climb may take as long.
+const COMPANY_S: f64 = 150.0;
+
 /// A refusal to take off, or a mission that was over before it began, with the number of the vehicle, from 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VehicleRefusal {
@@ -94,6 +97,8 @@ pub struct Bridge {
     capacity_j: Option<f64>,
     /// Whether a bridge before has begun the mission.
     is_in_mission: bool,
+    /// When the first vehicle was ready, and others were not [s].
+    waiting_s: Option<f64>,
     /// When the last plan has come, or the vehicles were ready for one [s].
     planned_s: Option<f64>,
     /// How long the bridge was suspended since then [s].
@@ -122,7 +127,7 @@ impl Bridge {
         fleet.restore(reports);
         let battery = Battery::of(scenario);
         let altitude_m = scenario.uav.fixed_altitude_m();
-        // Where the vehicle has landed before, it climbs again.
+        // Where the vehicle stood, it climbs.
         let in_range_m =
             |z_m: f64| scenario.uav.climb().map_or(z_m, |climb| z_m.clamp(climb.min_altitude_m, climb.max_altitude_m));
         let member = |(report, &own_system): (&FlightReport, &u8)| {
@@ -136,9 +141,10 @@ impl Bridge {
                 own_system,
             };
             let mut control = VehicleControl::new(assignment, frame);
-            let has_ended = [Mode::Return, Mode::Down].contains(&report.flown_mode());
-            if has_ended && matches!(beginning, Beginning::Restarted { .. }) {
-                control.leave();
+            match (beginning, report.flown_mode()) {
+                (Beginning::Restarted { .. }, Mode::Return | Mode::Down) => control.leave(),
+                (Beginning::Resumed, Mode::Down) => control.stay_down(), // as planners and flight-sim have it
+                _ => {}
             }
             Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
         };
@@ -149,6 +155,7 @@ impl Bridge {
             altitude_m,
             capacity_j: battery.map(|battery| battery.capacity_j),
             is_in_mission: beginning == Beginning::Restarted { in_mission: true },
+            waiting_s: None,
             planned_s: None,
             suspended_s: 0.0,
             patience_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
@@ -237,8 +244,14 @@ impl Bridge {
         taken.map(|(uav, _)| uav + 1).collect()
     }
 
-    /// Sends the vehicles home if there has been no plan for too long.
+    /// Sends the vehicles home if there has been no plan for too long, or some wait too long for others.
     fn check_patience(&mut self, now_s: f64) {
+        if !self.has_begun() && self.members.iter().any(|member| member.control.has_begun()) {
+            let waiting_s = *self.waiting_s.get_or_insert(now_s);
+            if now_s - waiting_s > COMPANY_S {
+                self.return_home(&format!("another vehicle is not ready after {COMPANY_S} s"), now_s);
+            }
+        }
         if self.planned_s.is_none() && self.has_begun() {
             self.planned_s = Some(now_s);
             self.suspended_s = 0.0;
@@ -258,6 +271,11 @@ impl Bridge {
     /// Whether no vehicle will fly any more: all fly home, as far as they say so, or have landed.
     pub fn is_homebound(&self) -> bool {
         self.members.iter().all(|Member { control, .. }| control.is_homebound())
+    }
+
+    /// Whether any vehicle that is not on the ground is heard.
+    pub fn is_heard(&self) -> bool {
+        self.members.iter().any(|Member { control, .. }| control.phase() != Phase::Landed && !control.is_lost())
     }
 
     /// Whether all vehicles are on the ground.

@@ -81,6 +81,8 @@ pub struct VehicleControl {
     jumps: Jumps,
     /// Whether it has refused its target.
     has_refused: bool,
+    /// Whether it has refused to be armed.
+    has_refused_arming: bool,
     /// Whether it follows a reposition only if that may change its mode.
     must_change_mode: bool,
     /// Whether it has hovered at its start, or was in its mission before.
@@ -121,6 +123,7 @@ impl VehicleControl {
             phase: Phase::Preflight,
             outbox: Outbox::default(),
             has_refused: false,
+            has_refused_arming: false,
             must_change_mode: false,
             has_begun: false,
             end: String::new(),
@@ -143,6 +146,13 @@ impl VehicleControl {
         self.give_up("it was, or has returned, before the bridge was restarted");
     }
 
+    /// Leaves a vehicle on the ground that had ended its mission there before the run was stopped.
+    pub fn stay_down(&mut self) {
+        let why = "it was down before the run was stopped, and stays down";
+        self.said.say(why.replacen("it ", "", 1));
+        self.land(why);
+    }
+
     /// Lets it be armed, as soon as it is checked itself.
     pub fn allow_arming(&mut self) {
         self.may_arm = true;
@@ -156,6 +166,11 @@ impl VehicleControl {
     /// Whether others have taken it over while this bridge flew it.
     pub fn is_taken_over(&self) -> bool {
         self.phase == Phase::TakenOver && !self.is_left
+    }
+
+    /// Whether it has not been heard for too long.
+    pub fn is_lost(&self) -> bool {
+        self.is_lost
     }
 
     /// The phase of its mission.
@@ -272,6 +287,10 @@ impl VehicleControl {
             self.takeover.answer_arming(result == ACCEPTED);
             if result == ACCEPTED {
                 self.note_arming(now_s);
+            } else if !std::mem::replace(&mut self.has_refused_arming, true) {
+                self.said.say(format!(
+                    "refuses to be armed: MAVLink result {result}; it is asked again while the checks hold"
+                ));
             }
         }
         if result == ACCEPTED {
@@ -318,7 +337,7 @@ impl VehicleControl {
         self.notice_silence(now_s);
         match self.phase {
             Phase::Preflight => self.check(now_s, orders)?,
-            Phase::Arming => self.arm(now_s),
+            Phase::Arming => self.arm(now_s, orders),
             Phase::TakeOff => self.climb(now_s),
             Phase::Flying => self.watch(now_s),
             Phase::Returning => self.come_home(now_s),
@@ -328,11 +347,16 @@ impl VehicleControl {
         let says_disarmed = self.is_committed() && self.vehicle.is_armed() == Some(false);
         let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
         let is_astray = self.jumps.is_doubtful(now_s) || self.is_blind;
+        let is_placed = self.has_current_position(now_s);
         // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt; before it is
         // in the air, one that says whether it is armed, too.
         let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| order.may_overrule(autopilot));
         let may_send = |order: &Order| {
-            let may_fly = !(is_astray && matches!(order, Order::Reposition { .. }));
+            let may_fly = match order {
+                Order::Reposition { .. } => !is_astray,
+                Order::Arm | Order::TakeOff(_) => is_placed,
+                _ => true,
+            };
             let is_before_flight = matches!(order, Order::Mode(_) | Order::Arm | Order::TakeOff(_));
             let is_told = if is_before_flight { has_new_heartbeat } else { has_new_mode };
             !is_in_doubt && may_fly && (is_told || !may_overrule(order))

@@ -198,7 +198,9 @@ impl Link {
         }
         let telemetry = decode(message);
         if let (MavMessage::HEARTBEAT(heartbeat), Some(_)) = (message, &telemetry) {
-            let is_flown = self.routes.iter().any(|route| route.connection == index && route.system.is_some());
+            let mut routes = self.routes.iter().filter(|route| route.connection == index);
+            let is_meant = routes.clone().any(|route| [route.named, route.system].contains(&Some(system)));
+            let is_flown = !is_meant && routes.any(|route| route.system.is_some());
             if vehicles.hear_heartbeat(system, heartbeat, *from, now_s) && is_flown {
                 let other = vehicles.describe(system);
                 self.notice(index, format!("another vehicle is there, {other}: it gets no orders"));

@@ -24,7 +24,7 @@ use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::{ChosenVehicle, Link};
 use crate::preflight::{Beginning, PreflightRefusal};
-use crate::wire::WireAddress;
+use crate::wire::{WireAddress, check_addresses};
 
 /// Longest time between two polls of the links.
 const POLL_EVERY: Duration = Duration::from_millis(2);
@@ -41,6 +41,9 @@ const STOP_TIMEOUT: Duration = Duration::from_millis(2_500);
 
 /// How long a bridge whose launcher has died waits for it.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// How long the bridge waits for the landing of vehicles that are not heard.
+const UNHEARD: Duration = Duration::from_mins(10);
 
 /// Time after which messages that wait are out of date: the bridge was suspended, or its machine.
 const STALE: Duration = Duration::from_secs(1);
@@ -144,20 +147,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         };
         let origin = scenario.area.origin();
         let origin = origin.ok_or_else(|| refuse("expected a scenario with area.origin_lat_deg and origin_lon_deg"))?;
-        if addresses.len() != 1 && addresses.len() != uavs {
-            let addresses = addresses.len();
-            return Err(refuse(&format!("{addresses} addresses for {uavs} UAVs: expected one, or one for each")).into());
-        }
+        check_addresses(addresses, uavs).map_err(|message| refuse(&message))?;
         let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
-        let is_conflict =
-            |(index, first): (usize, &WireAddress)| addresses[index + 1..].iter().any(|second| first.conflicts(second));
-        if addresses.iter().enumerate().any(is_conflict) {
-            let expected =
-                "expected another ?system=N for each UAV at one address, and one own_system and own_component";
-            return Err(refuse(expected).into());
-        }
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
         let chosen_file = folder.path().join(CHOSEN);
         if ring.restarts > 0
@@ -304,9 +297,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             .choose(now_s, |uav| bridge.control(uav).is_committed(), |uav, fix| bridge.control(uav).away_m(fix))
             .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
         self.save_chosen();
-        self.exchange()?;
-        self.save_taken_over();
-        Ok(())
+        self.exchange()
     }
 
     /// Saves which vehicles were taken over, for the launcher: such a run is not to be resumed.
@@ -314,7 +305,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let taken_over = self.bridge.taken_over();
         if taken_over.iter().any(|number| !self.taken_over.contains(number)) {
             let text = serde_json::to_string(&taken_over).expect("numbers are JSON");
-            let _ = std::fs::write(&self.taken_over_file, text); // without it, the launcher offers to resume the run
+            write_whole(&self.taken_over_file, &text); // without it, the launcher offers to resume the run
             self.taken_over = taken_over;
         }
     }
@@ -324,13 +315,19 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let chosen = self.link.chosen();
         if chosen != self.chosen {
             let text = serde_json::to_string(&chosen).expect("numbers and addresses are JSON");
-            let _ = std::fs::write(&self.chosen_file, text); // without it, the next bridge listens again
+            write_whole(&self.chosen_file, &text); // without it, the next bridge listens again
             self.chosen = chosen;
         }
     }
 
-    /// Takes in what the chosen vehicles say, and sends what is due.
+    /// Takes in what the chosen vehicles say, sends what is due, and notes who was taken over.
     fn exchange(&mut self) -> Result<(), NodeError> {
+        let exchanged = self.exchange_messages();
+        self.save_taken_over();
+        exchanged
+    }
+
+    fn exchange_messages(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         self.link.begin_poll();
         let suspended = self.polled.elapsed();
@@ -394,8 +391,15 @@ impl<S: Service + 'static> BridgeProcess<S> {
         for number in self.bridge.taken_over() {
             Role::FlightSim.log(format_args!("vehicle {number}: the run waits for its landing; Ctrl-C ends the run"));
         }
+        let mut heard = Instant::now();
         while !self.bridge.has_landed() {
             self.poll()?;
+            if self.bridge.is_heard() {
+                heard = Instant::now();
+            } else if heard.elapsed() > UNHEARD {
+                Role::FlightSim.log("no vehicle that may be in the air is heard any more: the run ends");
+                return Ok(());
+            }
             match self.pause() {
                 Err(NodeError::Orphaned) => {
                     self.return_home("skysink run has ended", ORPHAN_TIMEOUT);
@@ -434,6 +438,12 @@ impl<S: Service + 'static> BridgeProcess<S> {
             }
         }
     }
+}
+
+/// Writes a file whole or, if that fails, not at all.
+fn write_whole(path: &Path, text: &str) {
+    let new = path.with_extension("new");
+    let _ = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path));
 }
 
 fn refusal(refused: &VehicleRefusal) -> NodeError {

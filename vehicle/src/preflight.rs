@@ -192,7 +192,7 @@ impl Preflight {
     ///
     /// # Errors
     /// If it must not take off.
-    fn check(
+    pub(crate) fn check(
         &mut self,
         vehicle: &VehicleState,
         position: Option<Point3<f64>>,

@@ -83,6 +83,27 @@ impl FromStr for WireAddress {
     }
 }
 
+/// Checks that vehicles at these addresses can be the `uavs` UAVs of a scenario.
+///
+/// # Errors
+/// What is wrong, and what was expected.
+pub fn check_addresses(addresses: &[WireAddress], uavs: usize) -> Result<(), String> {
+    let count = addresses.len();
+    if count != 1 && count != uavs {
+        return Err(format!("{count} addresses for {uavs} UAVs: expected one, or one for each"));
+    }
+    if count < uavs && addresses[0].system.is_some() {
+        return Err(format!("one system for {uavs} UAVs: expected none, or an address with ?system=N for each"));
+    }
+    let is_conflict =
+        |(index, first): (usize, &WireAddress)| addresses[index + 1..].iter().any(|second| first.conflicts(second));
+    if addresses.iter().enumerate().any(is_conflict) {
+        let expected = "expected another ?system=N for each UAV at one address, and one own_system and own_component";
+        return Err(expected.to_owned());
+    }
+    Ok(())
+}
+
 /// What is meant by an address with the scheme `udp` or `tcp` of other programs; `None` for another.
 fn hint(endpoint: &str) -> Option<String> {
     let (scheme, place) = ["udp", "tcp"].into_iter().find_map(|scheme| {
@@ -112,7 +133,21 @@ impl fmt::Display for WireAddress {
 impl WireAddress {
     /// Whether both name the same connection, whatever their options.
     pub fn shares_wire(&self, other: &Self) -> bool {
-        self.endpoint == other.endpoint
+        self.endpoint == other.endpoint || self.place() == other.place()
+    }
+
+    /// The endpoint with its host as a number, and links to its device followed, if that is possible.
+    fn place(&self) -> String {
+        let resolved = self.endpoint.split_once(':').and_then(|(scheme, place)| {
+            let place = if scheme == "serial" {
+                let (device, baud) = place.rsplit_once(':')?;
+                format!("{}:{baud}", std::fs::canonicalize(device).ok()?.display())
+            } else {
+                place.to_socket_addrs().ok()?.next()?.to_string()
+            };
+            Some(format!("{scheme}:{place}"))
+        });
+        resolved.unwrap_or_else(|| self.endpoint.clone())
     }
 
     /// Whether one connection cannot serve two vehicles at these addresses: they name no systems, or the same, or
@@ -328,6 +363,10 @@ mod tests {
         assert_eq!(parsed("tcpout:drone:5760?system=3").map(ids), Ok((Some(3), 255, 190)));
         let named = parsed("serial:/dev/ttyUSB0:57600?own_system=250&system=255&own_component=1").unwrap();
         assert!(named.shares_wire(&parsed("serial:/dev/ttyUSB0:57600").unwrap()));
+        let shared = ["udpout:127.0.0.1:14550", "udpout:localhost:14550"].map(|text| parsed(text).unwrap());
+        assert!(shared[0].shares_wire(&shared[1]), "two names of a host");
+        assert!(check_addresses(&shared, 2).is_err(), "one vehicle for two UAVs");
+        assert!(check_addresses(&[parsed("udpin:127.0.0.1:14550?system=3").unwrap()], 2).is_err());
         assert_eq!(ids(named), (Some(255), 250, 1));
         let conflicts = |options: [&str; 2]| {
             let [first, second] = options.map(|options| parsed(&format!("udpin:127.0.0.1:1{options}")).unwrap());

@@ -32,6 +32,8 @@ pub enum CopterMode {
     Loiter = 5,
     /// Returns and lands.
     Return = 6,
+    /// Lands where it is.
+    Land = 9,
 }
 
 /// An order that it was given.
@@ -149,7 +151,11 @@ impl Copter {
         self.mode = mode;
         if let Some(target_m) = &mut self.target_m {
             *target_m = self.body.position_m; // stops where it is
-            target_m.z = target_m.z.max(if mode == CopterMode::Return { RETURN_M } else { 0.0 });
+            target_m.z = match mode {
+                CopterMode::Return => target_m.z.max(RETURN_M),
+                CopterMode::Land => -1.0,
+                _ => target_m.z.max(0.0),
+            };
         }
         MavResult::MAV_RESULT_ACCEPTED
     }
@@ -197,13 +203,17 @@ impl Copter {
         self.battery = (self.battery - dt_s / self.options.endurance).max(0.0);
         let limits = self.options.limits(self.speed_mps);
         self.body.fly(&target_m, &limits, dt_s, random);
-        if self.mode == CopterMode::Return {
+        if self.comes_down() {
             self.come_home(target_m);
         }
     }
 
+    fn comes_down(&self) -> bool {
+        matches!(self.mode, CopterMode::Return | CopterMode::Land)
+    }
+
     fn check_failsafes(&mut self) {
-        if !self.is_in_air() || self.mode == CopterMode::Return {
+        if !self.is_in_air() || self.comes_down() {
             return;
         }
         let is_silent = self.heard_s.is_some_and(|heard_s| self.boot_s - heard_s > self.options.silence);

@@ -5,13 +5,16 @@ use skysink_flight_sim::outside::REACHED_M;
 
 use super::{CLIMB_S, CLIMBED_M, DISARMED_S, HOVER_MPS, Phase, RETRY_S, VehicleControl};
 use crate::autopilot::ModeMeaning;
-use crate::preflight::{Beginning, TAKE_OFF_RADIUS_M};
+use crate::preflight::{Beginning, PreflightRefusal, TAKE_OFF_RADIUS_M};
 use crate::telemetry::{GlobalTarget, Order};
 
 impl VehicleControl {
-    /// Arms in the mode that follows orders.
-    pub(super) fn arm(&mut self, now_s: f64) {
+    /// Arms in the mode that follows orders, while the checks hold.
+    pub(super) fn arm(&mut self, now_s: f64, orders: &mut Vec<Order>) {
         if self.end_if_taken_over() {
+            return;
+        }
+        if !self.takeover.is_arming() && !self.is_still_checked(now_s, orders) {
             return;
         }
         let guided = self.vehicle.autopilot.and_then(|autopilot| autopilot.guided_mode());
@@ -41,6 +44,27 @@ impl VehicleControl {
             self.retry_s = now_s + RETRY_S;
             self.outbox.send(order, now_s);
         }
+    }
+
+    /// Whether the checks before take-off hold now: they may be minutes old. Otherwise it waits for what is missing, or is
+    /// left on the ground.
+    fn is_still_checked(&mut self, now_s: f64, orders: &mut Vec<Order>) -> bool {
+        let position = self.position().filter(|_| self.has_current_position(now_s));
+        match self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders) {
+            Ok(None) => return true,
+            Ok(Some(missing)) => {
+                self.said.say(format!("is not armed: waiting for it {missing}"));
+                self.preflight.missing = Some(missing);
+                self.outbox.clear();
+                self.phase = Phase::Preflight;
+                self.may_arm = false;
+            }
+            Err(PreflightRefusal(why)) => {
+                self.said.say(format!("is not armed: {why}"));
+                self.land(&why);
+            }
+        }
+        false
     }
 
     /// Takes off, until the altitude of the start is reached.
@@ -187,6 +211,9 @@ impl VehicleControl {
         }
         if self.end_if_taken_over() {
             return;
+        }
+        if self.takeover.has_returned() && !self.vehicle.is_in_doubt() {
+            self.outbox.clear(); // a return that is repeated could undo the landing of a pilot, or of a failsafe
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
         if is_ignored && !self.vehicle.is_in_doubt() && now_s >= self.retry_s {

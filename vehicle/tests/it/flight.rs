@@ -202,6 +202,7 @@ impl ClosedLoop {
             (AutopilotKind::Px4, CopterMode::Loiter) => 3 << 16,
             (AutopilotKind::Px4, CopterMode::Guided) => 4 << 16 | 3 << 24,
             (AutopilotKind::Px4, CopterMode::Return) => 4 << 16 | 5 << 24,
+            (AutopilotKind::Px4, CopterMode::Land) => 4 << 16 | 6 << 24,
             (_, mode) => mode as u32,
         }
     }

@@ -3,14 +3,16 @@
 use rand::seq::IndexedRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use skysink_common::message::Mode;
+use skysink_common::message::{Mode, SensorNode};
 use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
+use skysink_vehicle::bridge::{Bridge, start};
+use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::telemetry::{Order, Telemetry};
 
-use crate::flight::{ClosedLoop, RESTARTED, plan, scenario};
+use crate::flight::{ClosedLoop, HOME, RESTARTED, plan, scenario};
 
 const KINDS: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
 
@@ -253,6 +255,78 @@ fn a_pilot_who_stops_the_return_keeps_the_vehicle() {
         flight.advance(20.0);
         assert_eq!((flight.copter.mode, count(&flight, "is taken over")), (CopterMode::Loiter, 1), "{:?}", flight.said);
     }
+}
+
+#[test]
+fn a_pilot_who_lands_while_the_return_is_refused_or_not_answered_keeps_the_vehicle() {
+    for autopilot in KINDS {
+        for is_refused in [true, false] {
+            let mut flight = hovering(autopilot);
+            flight.fly_slot(1, Some(plan(50.0, 68.0)));
+            flight.refused = is_refused.then_some(20); // MAV_CMD_NAV_RETURN_TO_LAUNCH
+            flight.answer_loss = 1.0;
+            let now_s = flight.now_s;
+            flight.bridge.return_home("the mission is over", now_s);
+            flight.advance(if is_refused { 1.5 } else { 2.5 });
+            flight.copter.change_to(CopterMode::Land);
+            flight.advance(1.98); // two heartbeats
+            assert_eq!(flight.copter.mode, CopterMode::Land, "{autopilot:?}, refused: {is_refused}");
+            flight.refused = None;
+            flight.orders.clear();
+            flight.until(120.0, |flight| flight.bridge.has_landed());
+            assert_eq!((flight.copter.mode, &*flight.orders), (CopterMode::Land, &[][..]), "{autopilot:?}");
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_is_armed_on_checks_of_that_moment() {
+    let waiting = || {
+        let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 5, ..KinematicOptions::default() }, 0.0);
+        let arms = |flight: &ClosedLoop| flight.orders.iter().filter(|(_, order)| *order == Order::Arm).count();
+        flight.until(60.0, |flight| arms(flight) >= 2);
+        flight
+    };
+    let mut flight = waiting();
+    flight.says_battery = Some(Telemetry::Battery(Some(0.05)));
+    flight.advance(30.0);
+    assert!(!flight.copter.is_armed, "{:?}", flight.said);
+    let refusal = flight.bridge.check_flyable().unwrap_err().why.to_string();
+    assert!(refusal.contains("its battery is at 5 %: at least 25 % is needed to take off"), "{refusal}");
+
+    let mut flight = waiting();
+    flight.says_no_position = true;
+    flight.advance(30.0);
+    assert!(!flight.copter.is_armed, "{:?}", flight.said);
+    flight.says_no_position = false;
+    flight.until(90.0, |flight| flight.bridge.has_begun());
+    assert_eq!(count(&flight, "is not armed: waiting for it to know its position"), 1, "{:?}", flight.said);
+    assert_eq!(count(&flight, "refuses to be armed: MAVLink result 4"), 1, "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    before.reports[0].mode = Mode::Down as u32;
+    let mut flight =
+        ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, before.reports.clone(), Beginning::Resumed);
+    flight.advance(60.0);
+    assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
+    let refusal = flight.bridge.check_flyable().unwrap_err().why.to_string();
+    assert!(refusal.contains("it was down before the run was stopped, and stays down"), "{refusal}");
+}
+
+#[test]
+fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
+    let both = scenario("uav.count = 2\nuav.coordination = 'partition'\n");
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    let frame = AreaFrame::at(HOME);
+    flight.bridge = Bridge::new(&both, &[SensorNode::default()], frame, &start(&both), RESTARTED, &[255, 255]);
+    flight.advance(120.0);
+    assert!(!flight.bridge.has_begun() && flight.copter.mode == CopterMode::Guided, "{:?}", flight.said);
+    flight.until(60.0, |flight| flight.copter.mode == CopterMode::Return);
+    assert!(flight.bridge.has_begun());
 }
 
 #[test]
