@@ -1,13 +1,13 @@
 //! Parses the command line of an executable, with help and usage that fit into 80 columns.
 
 use std::ffi::OsString;
-use std::io::{self, ErrorKind, Write as _};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{Command, Error, Parser};
 use skysink_common::build;
-use skysink_common::terminal::{one_line, printable};
+use skysink_common::terminal::one_line;
 use skysink_ring::role::Role;
 
 use crate::error::Error as SkysinkError;
@@ -28,8 +28,8 @@ const COLUMNS: usize = TERMINAL_WIDTH as usize;
 /// Most characters of an argument in a refusal.
 const MAX_QUOTED: usize = 200;
 
-/// Most characters of a line of a refusal.
-const MAX_LINE: usize = 600;
+/// A command line without a command: help is printed.
+const MISSING_COMMAND: clap::error::ErrorKind = clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
 
 /// What clap writes before a usage line.
 const HEADING: &str = "Usage: ";
@@ -51,8 +51,8 @@ pub fn parse<C: Parser>(arguments: impl IntoIterator<Item = OsString>) -> Result
 /// Prints the requested help, or what is wrong with the arguments of the program `role`, and returns the exit code.
 pub fn print(role: Role, message: Error) -> u8 {
     let code = u8::try_from(message.exit_code()).unwrap_or(2);
-    if message.use_stderr() {
-        let _ = io::stderr().write_all(refusal(message).as_bytes());
+    if message.use_stderr() && message.kind() != MISSING_COMMAND {
+        role.log(refusal(message));
         return code;
     }
     match message.print() {
@@ -64,7 +64,8 @@ pub fn print(role: Role, message: Error) -> u8 {
     }
 }
 
-/// What is wrong with the arguments. They are quoted like other input: they may be long, and hold control characters.
+/// What is wrong with the arguments, in one line with the usage. They are quoted like other input: they may be long, and
+/// hold control characters.
 fn refusal(mut message: Error) -> String {
     let quote = |text: &String| one_line(text, MAX_QUOTED);
     let quotes = message.context().filter_map(|(kind, value)| match value {
@@ -78,10 +79,36 @@ fn refusal(mut message: Error) -> String {
         }
     }
     let text = message.render().to_string();
-    printable(&text).lines().map(|line| one_line(line, MAX_LINE) + "\n").collect()
+    let text = text.split("\nFor more information").next().unwrap_or_default();
+    let (said, usage) = text.split_once(HEADING).unwrap_or((text, ""));
+    let mut line = String::new();
+    for part in said.lines().map(str::trim) {
+        let values = part.strip_prefix("[possible values: ").and_then(|values| values.strip_suffix(']'));
+        let part = match values {
+            Some(values) => format!("expected one of {values}"),
+            None => part.trim_start_matches("error: ").trim_start_matches("tip: ").to_owned(),
+        };
+        if part.is_empty() || part.starts_with("to pass '") {
+            continue; // an argument that looks like an option is seldom meant as a value
+        }
+        let is_begun = !line.is_empty() && !line.ends_with(':');
+        line += if is_begun {
+            ": "
+        } else if line.is_empty() {
+            ""
+        } else {
+            " "
+        };
+        line += &part;
+    }
+    if !usage.is_empty() {
+        line += "; usage: ";
+        line += &usage.split_whitespace().collect::<Vec<_>>().join(" ");
+    }
+    line
 }
 
-/// The command and its subcommands with wrapped usage lines, which clap also prints in errors.
+/// The command and its subcommands, with usage lines that are wrapped in their help.
 fn with_wrapped_usage(command: Command) -> Command {
     let mut command = command.max_term_width(COLUMNS);
     command.build();
@@ -146,9 +173,24 @@ mod tests {
             [&format!("--seed={long}"), &format!("--{long}"), &long, "--seed=\x1b[2J\u{202e}", "-\x07", "\n\n"]
         {
             let said = refusal(command().try_get_matches_from(["fly", argument]).unwrap_err());
-            assert!(said.starts_with("error: ") && said.len() < 1500, "{said}");
-            assert!(said.lines().count() < 10 && printable(&said) == said, "{said:?}");
+            assert!(said.len() < 1500 && said.lines().count() == 1, "{said:?}");
         }
+    }
+
+    #[test]
+    fn a_refusal_is_one_line_with_what_was_expected() {
+        let wait = clap::arg!(--wait <HOW>).value_parser(["poll", "event"]);
+        let command = || with_wrapped_usage(Command::new("fly").arg(wait.clone()).arg(clap::arg!(<SCENARIO>)));
+        let said = |words: &[&str]| refusal(command().try_get_matches_from([&["fly"], words].concat()).unwrap_err());
+        assert_eq!(
+            said(&["a", "--wait", "spin"]),
+            "invalid value 'spin' for '--wait <HOW>': expected one of poll, event"
+        );
+        let missing =
+            "the following required arguments were not provided: <SCENARIO>; usage: fly --wait <HOW> <SCENARIO>";
+        assert_eq!(said(&["--wait", "poll"]), missing);
+        let unknown = "unexpected argument '--wat' found: a similar argument exists: '--wait'; usage: fly --wait <HOW> <SCENARIO>";
+        assert_eq!(said(&["a", "--wat"]), unknown);
     }
 
     #[test]
