@@ -32,6 +32,9 @@ const OVERDUE_S: f64 = 0.1;
 /// From this slot on each topic has had a sample.
 const UNDER_WAY: u64 = 3;
 
+/// How long a ring may take to create its topics.
+const STARTING: Duration = Duration::from_secs(2);
+
 /// Time between two checks for a stop.
 const PAUSE: Duration = Duration::from_millis(20);
 
@@ -85,7 +88,7 @@ struct RunClock {
 impl TopicsCommand {
     /// Polls the topics twice and prints them.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        let ring = self.open_ring()?;
+        let ring = self.open_ring(stop)?;
         let begin = Instant::now();
         let first = ring.topic_states()?;
         while begin.elapsed().as_secs_f64() < self.every {
@@ -111,26 +114,44 @@ impl TopicsCommand {
     }
 
     /// Opens the ring given by the argument, or the only running one.
-    fn open_ring(&self) -> Result<Ring<ipc::Service>, Error> {
-        let open = |path: &Path| Ok(Ring::observe(&RingFolder::open(path)?)?);
+    fn open_ring(&self, stop: &Stop) -> Result<Ring<ipc::Service>, Error> {
         let rings = running_rings();
         let Some(folder) = &self.folder else {
             return match &rings[..] {
-                [ring] => open(ring),
+                [ring] => observe(ring, stop),
                 [] => Err(Error::Usage("no ring is running".to_owned())),
                 rings => Err(Error::Usage(format!("several rings are running: expected one of {}", list_of(rings)))),
             };
         };
         let path = fs::canonicalize(folder).map_err(|error| InputError::new("run folder", folder, error))?;
         if path.join("ring.toml").exists() {
-            return open(&path);
+            return observe(&path, stop);
         }
         let Some(ring) = rings.iter().find(|ring| record_path(ring).as_ref() == Some(&path)) else {
             let others = if rings.is_empty() { String::new() } else { format!("; running: {}", list_of(&rings)) };
             let message = format!("it is not running: expected a running one, or its ring folder{others}");
             return Err(InputError::new("run folder", folder, message).into());
         };
-        open(ring)
+        observe(ring, stop)
+    }
+}
+
+/// Opens the ring of this folder. One that starts or ends may lack topics: it is tried again while the ring is running.
+fn observe(folder: &Path, stop: &Stop) -> Result<Ring<ipc::Service>, Error> {
+    let begin = Instant::now();
+    loop {
+        let failed = match RingFolder::open(folder).and_then(|folder| Ring::observe(&folder)) {
+            Ok(ring) => return Ok(ring),
+            Err(error) => error,
+        };
+        if !running_rings().iter().any(|ring| ring.file_name() == folder.file_name()) {
+            return Err(InputError::new("ring", folder, "it is not running: expected a running one").into());
+        }
+        if begin.elapsed() > STARTING {
+            return Err(failed.into());
+        }
+        stop.check()?;
+        std::thread::sleep(PAUSE);
     }
 }
 
