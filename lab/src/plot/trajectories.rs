@@ -82,10 +82,13 @@ pub fn draw_maps(
     let missions: BTreeSet<String> = runs.iter().map(|run| format!("{}, seed {}", run.scenario, run.seed)).collect();
     let missions: Vec<String> = missions.into_iter().collect();
     let footer = format!("{} · skysink {VERSION} ({})", missions.join("; "), commit_of(build()));
-    let labels: BTreeSet<&str> = maps.iter().flat_map(|map| &map.links).map(|links| &*links.label).collect();
-    if labels.len() > 1 {
-        let expected = "expected runs with the same, or a figure for each";
-        return Err(InputError::new("run folder", &folders[0], format!("{labels:?}: {expected}")).into());
+    let mut labels = folders.iter().zip(&maps).filter_map(|(folder, map)| Some((folder, &*map.links.as_ref()?.label)));
+    if let Some((first, expected)) = labels.next()
+        && let Some((other, label)) = labels.find(|&(_, label)| label != expected)
+    {
+        let expected = format!("expected the {expected}, as of {}; draw a figure for each", first.display());
+        let message = format!("it has the {label}: {expected}");
+        return Err(InputError::new("run folder", other, message).into());
     }
     let look = sheet.look(footer, &format!(" · built from {}", build()));
     let drawn = MapSheet { look, maps, fraction_label: "queue fill at the end".to_owned() };
