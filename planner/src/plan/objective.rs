@@ -85,7 +85,8 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
         0.0
     }
 
-    /// Lower bound on the cost of every plan of one UAV over such a window, with so many resource blocks.
+    /// Lower bound on the cost of every plan of one UAV over such a window, with so many resource blocks; of `Collect` the
+    /// cost of a plan that delivers all data at the last moment, which ends a search.
     fn least(sensors: &[SensorModel], levels: &[Self::Level], slots: i32, blocks: usize) -> f64;
 }
 

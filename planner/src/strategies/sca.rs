@@ -88,6 +88,7 @@ impl Approximation {
 
     /// The best flight of all approximations from the slot of `view` on.
     fn best<'a>(&mut self, view: &View<'a>) -> Rehearsal<'a> {
+        self.round.restart(); // so that a plan does not depend on the one before, which a restarted process lacks
         let mut best = self.first_round(view);
         let mut at = stops_of(&best);
         let mut fruitless = 0;

@@ -30,7 +30,8 @@ pub(crate) struct InTurn {
     drains: bool,
     waypoint: Waypoint,
     serving: Serving,
-    /// The current turn.
+    /// The first turn, and the current one.
+    first: usize,
     turn: usize,
     /// Later turns whose SNs have been served.
     served: BTreeSet<usize>,
@@ -66,7 +67,12 @@ impl InTurn {
         let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
         let serving = Serving::new(setup);
         let (served, planned) = (BTreeSet::new(), Vec::new());
-        Self { turns, turn_of, early, drains: false, waypoint, serving, turn, served, planned }
+        Self { turns, turn_of, early, drains: false, waypoint, serving, first: turn, turn, served, planned }
+    }
+
+    /// Goes back to the first turn.
+    pub fn restart(&mut self) {
+        self.turn = self.first;
     }
 
     /// Begins anew with the turn of SN `id`, if it has one. With `drains`, a turn lasts until its SN's queue is empty, or
@@ -208,6 +214,24 @@ mod tests {
         assert_eq!(flown[..4], [[50.0, 40.0], [50.0, 70.0], [50.0, 90.0], [80.0, 90.0]]);
         assert_eq!(flown[4..6], [[50.0, 90.0], [20.0, 90.0]], "on to SN 3");
         assert_eq!(flown[7], [50.0, 62.0], "SN 4 keeps its turn");
+    }
+
+    #[test]
+    fn a_round_that_is_restarted_begins_with_its_first_turn() {
+        let positions = [[50.0, 90.0], [80.0, 90.0], [50.0, 40.0]];
+        let field = setup_of(&positions);
+        let turns = || Turns { order: (0..3).collect(), points: positions.map(Position::from).to_vec() };
+        let straight: Waypoint = |table, position, [current, _], _| table.motion.toward(position, current);
+        let mut strategy = InTurn::new(&field.setup(), turns(), true, |_, _| 1, straight);
+        let mut next =
+            |strategy: &mut InTurn| strategy.plan(&view(&field.table, 1, [80.0, 89.0], &[9; 3])).unwrap().waypoint;
+        let [first, second] = [(); 2].map(|()| next(&mut strategy));
+        strategy.begin_with(None, false);
+        assert_eq!(next(&mut strategy), second, "it goes on");
+        strategy.restart();
+        strategy.begin_with(None, false);
+        assert_eq!(next(&mut strategy), first);
+        assert_ne!(first, second);
     }
 
     #[test]
