@@ -69,7 +69,10 @@ impl Ages {
     fn update(&mut self, view: &View) {
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         for (id, since) in view.table.sensors.ids().zip(&mut self.full_since) {
-            let is_full = view.belief.queues_bits[id as usize] >= view.table.sensors.sampler(id).stored_bits();
+            let sampler = view.table.sensors.sampler(id);
+            // Of bits that expire a full queue holds now one bit more, now one less, unless it samples whole bits a slot.
+            let missing_bits = u32::from(sampler.lasting_slots < sampler.fill_slots());
+            let is_full = view.belief.queues_bits[id as usize] >= sampler.stored_bits() - missing_bits;
             *since = match *since {
                 _ if !is_full => 0,
                 0 => slot,
