@@ -1,6 +1,7 @@
 //! What an export says about a vehicle mission.
 
 use super::altitude::AltitudeReference;
+use super::autopilot::Autopilot;
 use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
 use super::stops::VehicleStop;
@@ -13,7 +14,7 @@ pub fn lines(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission
     let omitted = (options.min_bits > 0).then(|| omitted(mission));
     let lines =
         [Some(counts(track, mission)), omitted, Some(home(track, mission)), Some(times(track, options, mission))];
-    lines.into_iter().flatten().chain(return_altitude(mission)).collect()
+    lines.into_iter().flatten().chain(return_altitude(options.autopilot(), mission)).collect()
 }
 
 fn counts(track: &GeodeticTrack<'_>, VehicleMission { parts, stops, .. }: &VehicleMission) -> String {
@@ -82,9 +83,14 @@ fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &V
 }
 
 /// The altitude of a return over hills, and how high the mission leads; `None` if the list does not tell the ground.
-fn return_altitude(mission: &VehicleMission) -> Option<String> {
+fn return_altitude(autopilot: Autopilot, mission: &VehicleMission) -> Option<String> {
     let return_m = mission.return_m?.ceil();
     let highest_m = mission.parts.iter().filter_map(|part| part.highest_m).reduce(f64::max);
     let high = highest_m.map_or(String::new(), |highest_m| format!("up to {highest_m:.0} m above the ground; "));
-    Some(format!("{high}set the return altitude (RTL_ALT, RTL_RETURN_ALT) to {return_m} m above home or more"))
+    let parameter = match autopilot {
+        Autopilot::Px4 => format!("RTL_RETURN_ALT = {return_m}"),
+        // ArduCopter counts in metres since 4.7, in centimetres before.
+        Autopilot::Ardupilot => format!("RTL_ALT_M = {return_m}, before ArduCopter 4.7 RTL_ALT = {}", 100.0 * return_m),
+    };
+    Some(format!("{high}set the return altitude to {return_m} m above home or more: {parameter}"))
 }
