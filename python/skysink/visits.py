@@ -84,6 +84,12 @@ def plan_visits(
             raise InputError(f"{name} of shape {array.shape}: expected a number, or [{len(places)}], from {least:g}")
         return np.broadcast_to(array, len(places))
 
+    # A sum of losses alone is planned as the loss, whatever its weight.
+    factor = 1.0
+    if isinstance(objective, Mapping) and not any(weight for name, weight in objective.items() if name != "loss"):
+        loss = objective.get("loss")
+        if isinstance(loss, (int, float)) and loss > 0.0:
+            factor, objective = float(loss), "loss"
     fills = each("fill_slots", fill_slots, 1e-3)
     waited = np.minimum(each("waited_slots", waited_slots, 0.0), fills)
     if objective != "loss" and waited.any():
@@ -131,5 +137,6 @@ def plan_visits(
     rates = np.where(gathers, SLOT_BITS, 0.0)
     gathering = np.column_stack((places - corner, capacity, rates, shares, queues))
     visits, cost, bound = visits_of(scenario, gathering, steps)
+    cost, bound = factor * cost, factor * bound
     numbers = visits[:, 0].astype(np.uint64)
     return VisitPlan(numbers, visits[:, 1].astype(np.uint32), visits[:, 2:] + corner, cost / scale, bound / scale)

@@ -73,6 +73,16 @@ def test_a_sum_counts_slots_of_loss_and_ages() -> None:
     assert plan.cost == pytest.approx(2.0 * 10.0 + 210.0)
 
 
+@pytest.mark.parametrize("objective", [{"loss": 2.0}, {"loss": 2.0, "age": 0.0}])
+def test_a_sum_of_losses_alone_is_a_multiple_of_the_loss(objective: dict[str, float]) -> None:
+    places = [[0.0, 0.0], [500.0, 0.0]]
+    arguments: dict[str, Any] = {"reach_m": 10.0, "slots": 20, "start_m": (0.0, 0.0), "steps": 500, "waited_slots": 3.0}
+    loss = skysink.plan_visits(places, 5.0, 10.0, **arguments)
+    plan = skysink.plan_visits(places, 5.0, 10.0, objective=objective, **arguments)
+    assert (plan.cost, plan.bound) == (2.0 * loss.cost, 2.0 * loss.bound)
+    assert loss.cost == pytest.approx(13.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
