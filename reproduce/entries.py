@@ -517,7 +517,8 @@ def standings():
     if options.earlier:
         library.Standings(folder, None, options.threads, options.earlier).write()
     own = library.Standings(folder, version().split()[1], options.threads)
-    own.submit_better()
+    if not options.check:
+        own.submit_better()
     own.write()
     gaps = library.gaps()
     columns = library.columns(gaps)

@@ -128,6 +128,9 @@ class Standings:
         if not earlier and python_version() != version:
             print(f"reproduce/run: {', '.join(POLICIES)}: left as they are, as Python has no skysink {version}", file=sys.stderr)
             self.flyers = [flyer for flyer in FLYERS if flyer not in POLICIES]
+            is_stale = ("unreleased" in (row["version"] for row in standings() if row["strategy"] in POLICIES))
+            if self.version != "unreleased" and is_stale:
+                sys.exit(f"reproduce/run: library: expected Python with skysink {version}, for {', '.join(POLICIES)}")
         pairs = [(instance, flyer) for instance in self.instances for flyer in self.flyers]
         with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
             verdicts = dict(zip(pairs, pool.map(lambda pair: self.flown(*pair), pairs)))
@@ -176,10 +179,12 @@ class Standings:
         own = [
             dict(zip(COLUMNS, [*pair, self.version, verdict["value"]])) for pair, verdict in self.verdicts.items()
         ]
-        with open(STANDINGS, "w") as file:
+        new = STANDINGS.with_suffix(".new")
+        with open(new, "w") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(kept + own)
+        new.rename(STANDINGS)
 
 
 def gaps():
@@ -197,7 +202,8 @@ def in_order(versions):
     """The distinct versions, the newest last."""
 
     def age(version):
-        return (1,) if version == "unreleased" else (0, *map(int, version.split(".")))
+        number, _, candidate = version.partition("-")
+        return (1,) if version == "unreleased" else (0, *map(int, number.split(".")), not candidate, candidate)
 
     return sorted(set(versions), key=age)
 
