@@ -91,13 +91,11 @@ fn refusal(mut message: Error) -> String {
         if part.is_empty() || part.starts_with("to pass '") {
             continue; // an argument that looks like an option is seldom meant as a value
         }
-        let is_begun = !line.is_empty() && !line.ends_with(':');
-        line += if is_begun {
-            ": "
-        } else if line.is_empty() {
-            ""
-        } else {
-            " "
+        line += match line.chars().last() {
+            None => "",
+            Some(':') => " ",
+            Some(_) if values.is_some() => ": ",
+            Some(_) => "; ",
         };
         line += &part;
     }
@@ -186,10 +184,10 @@ mod tests {
             said(&["a", "--wait", "spin"]),
             "invalid value 'spin' for '--wait <HOW>': expected one of poll, event"
         );
-        let missing =
-            "the following required arguments were not provided: <SCENARIO>; usage: fly --wait <HOW> <SCENARIO>";
+        let missing = "the following required arguments were not provided: <SCENARIO>; usage: fly [OPTIONS] <SCENARIO>";
         assert_eq!(said(&["--wait", "poll"]), missing);
-        let unknown = "unexpected argument '--wat' found: a similar argument exists: '--wait'; usage: fly --wait <HOW> <SCENARIO>";
+        let unknown =
+            "unexpected argument '--wat' found; a similar argument exists: '--wait'; usage: fly [OPTIONS] <SCENARIO>";
         assert_eq!(said(&["a", "--wat"]), unknown);
     }
 

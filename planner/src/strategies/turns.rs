@@ -223,7 +223,7 @@ mod tests {
         let turns = || Turns { order: (0..3).collect(), points: positions.map(Position::from).to_vec() };
         let straight: Waypoint = |table, position, [current, _], _| table.motion.toward(position, current);
         let mut strategy = InTurn::new(&field.setup(), turns(), true, |_, _| 1, straight);
-        let mut next =
+        let next =
             |strategy: &mut InTurn| strategy.plan(&view(&field.table, 1, [80.0, 89.0], &[9; 3])).unwrap().waypoint;
         let [first, second] = [(); 2].map(|()| next(&mut strategy));
         strategy.begin_with(None, false);
