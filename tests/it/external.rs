@@ -106,7 +106,8 @@ fn a_timeout_names_only_the_process_that_blocks_the_others() {
     for (role, topic) in [("planner", "plan(1)"), ("flight-sim", "flight(0)"), ("field-sim", "queues(0)")] {
         let place = Place::new();
         let ended = place.flight("smoke").without_viewer().external(role).timeout("3").try_run().assert_code(1);
-        let lines: Vec<_> = ended.stderr.lines().collect();
+        // On a busy machine other processes may be late with their heartbeats.
+        let lines: Vec<_> = ended.stderr.lines().filter(|line| !line.starts_with("slot 1: ")).collect();
         assert_eq!(lines.len(), 2, "{ended:?}");
         assert!(lines[0].starts_with(&format!("waiting up to 3 s for {role}: ")), "{ended:?}");
         assert!(lines[1].starts_with(&format!("skysink: {role} has not sent {topic} for 3 s")), "{ended:?}");
