@@ -128,7 +128,7 @@ class Standings:
         if not earlier and python_version() != version:
             print(f"reproduce/run: {', '.join(POLICIES)}: left as they are, as Python has no skysink {version}", file=sys.stderr)
             self.flyers = [flyer for flyer in FLYERS if flyer not in POLICIES]
-            is_stale = ("unreleased" in (row["version"] for row in standings() if row["strategy"] in POLICIES))
+            is_stale = "unreleased" in [row["version"] for row in standings() if row["strategy"] in POLICIES]
             if self.version != "unreleased" and is_stale:
                 sys.exit(f"reproduce/run: library: expected Python with skysink {version}, for {', '.join(POLICIES)}")
         pairs = [(instance, flyer) for instance in self.instances for flyer in self.flyers]

@@ -133,21 +133,18 @@ impl fmt::Display for WireAddress {
 impl WireAddress {
     /// Whether both name the same connection, whatever their options.
     pub fn shares_wire(&self, other: &Self) -> bool {
-        self.endpoint == other.endpoint || self.place() == other.place()
+        self.endpoint == other.endpoint || self.places().iter().any(|place| other.places().contains(place))
     }
 
-    /// The endpoint with its host as a number, and links to its device followed, if that is possible.
-    fn place(&self) -> String {
-        let resolved = self.endpoint.split_once(':').and_then(|(scheme, place)| {
-            let place = if scheme == "serial" {
-                let (device, baud) = place.rsplit_once(':')?;
-                format!("{}:{baud}", std::fs::canonicalize(device).ok()?.display())
-            } else {
-                place.to_socket_addrs().ok()?.next()?.to_string()
-            };
-            Some(format!("{scheme}:{place}"))
-        });
-        resolved.unwrap_or_else(|| self.endpoint.clone())
+    /// The endpoint with each number of its host, or with links to its device followed; empty if neither is known.
+    fn places(&self) -> Vec<String> {
+        let Some((scheme, place)) = self.endpoint.split_once(':') else { return Vec::new() };
+        if scheme != "serial" {
+            let hosts = place.to_socket_addrs().into_iter().flatten();
+            return hosts.map(|host| format!("{scheme}:{host}")).collect();
+        }
+        let device = place.rsplit_once(':').and_then(|(device, _)| std::fs::canonicalize(device).ok());
+        device.iter().map(|device| device.display().to_string()).collect()
     }
 
     /// Whether one connection cannot serve two vehicles at these addresses: they name no systems, or the same, or
