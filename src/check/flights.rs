@@ -58,8 +58,7 @@ impl TrialFlight {
         let mut round = FirstRound { is_served: vec![false; sensors], unserved: sensors, slots: None };
         mission.drive(&mut [&mut round], &Stop::default())?;
         let totals = mission.header().totals;
-        let initial_bits = if scenario.counts_initial() { totals.initial_bits } else { 0 };
-        let loss_rate = totals.lost_bits as f64 / ((initial_bits + totals.sampled_bits) as f64).max(1.0);
+        let loss_rate = totals.loss_rate(scenario.counts_initial());
         Ok(Self { strategy, lost_bits: totals.lost_bits, loss_rate, round_slots: round.slots })
     }
 }

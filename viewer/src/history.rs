@@ -67,11 +67,7 @@ pub(crate) struct Sums {
 impl SensorHistory {
     /// The loss rate so far, `η`, of a mission with these `totals` (decisions D3 and D24).
     pub(crate) fn loss_rate(&self, totals: &Totals) -> f64 {
-        let initial_bits = if self.sensors.counts_initial { totals.initial_bits } else { 0 };
-        match totals.sampled_bits + initial_bits {
-            0 => 0.0,
-            bits => totals.lost_bits as f64 / bits as f64,
-        }
+        totals.loss_rate(self.sensors.counts_initial)
     }
 
     /// The history before the first slot.
