@@ -57,6 +57,25 @@ fn strategies_are_compared_over_the_same_seeds() {
 }
 
 #[test]
+fn another_comparison_is_replaced_if_asked_and_a_sweep_of_one_point_is_not() {
+    let place = with_small();
+    let sweep = "scenario = \"small.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 2\n";
+    place.write("sweep.toml", sweep);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "swept"]);
+    let rows = place.read("swept/summary.csv");
+    place.run_refused(
+        &["compare", "small.toml", "uts", "edf", "--out", "swept", "--force"],
+        "swept: it contains a sweep, or an unfinished comparison: --force replaces finished ones only",
+    );
+    assert_eq!(place.read("swept/summary.csv"), rows);
+    compared(&place, &["small.toml", "uts", "gfs", "--seeds", "2", "--out", "both"]);
+    let other = ["small.toml", "uts", "edf", "--seeds", "2", "--out", "both"];
+    place.run_refused(&[&["compare"], &other[..]].concat(), "both: its sweep.json describes another sweep");
+    let replaced = compared(&place, &[&other[..], &["--force"]].concat());
+    assert_eq!(standing(&replaced, "edf", "loss_rate")["n"], 2);
+}
+
+#[test]
 fn few_fields_are_warned_of_and_p_values_are_adjusted() {
     let place = with_small();
     let what = ["compare", "small.toml", "uts", "gfs", "rfs", "--seeds", "3", "--out", "all"];

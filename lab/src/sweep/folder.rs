@@ -165,16 +165,17 @@ fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError>
     }
 }
 
-/// Removes the comparison in the folder `path`, a sweep over one scenario, if there is one. Its lock stays.
+/// Removes the comparison in the folder `path`, a sweep over one scenario with standings, if there is one. Its lock
+/// stays.
 ///
 /// # Errors
-/// If it is a sweep of several points, which is kept; if it is in use by another process, or a file cannot be removed.
+/// If it is a sweep, which is kept; if it is in use by another process, or a file cannot be removed.
 pub fn remove_comparison(path: &Path) -> Result<(), LabError> {
     let Ok(text) = read_regular(&path.join(MANIFEST)) else { return Ok(()) };
     let refuse = |message| LabError::from(InputError::new("sweep folder", path, message));
     let is_one = |held: Manifest| held.definition.points.len() == 1;
-    if !serde_json::from_slice(&text).is_ok_and(is_one) {
-        return Err(refuse("its sweep.json is not that of a comparison: --force replaces nothing else"));
+    if !serde_json::from_slice(&text).is_ok_and(is_one) || !path.join(STANDINGS).is_file() {
+        return Err(refuse("it contains a sweep, or an unfinished comparison: --force replaces finished ones only"));
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
