@@ -26,7 +26,7 @@ const MAX_START: Duration = Duration::from_millis(150);
 
 /// The kill of a random process, `delay` after the trace has reached a length of `bytes`.
 #[derive(Debug)]
-struct Kill {
+pub struct Kill {
     bytes: u64,
     delay: Duration,
 }
@@ -34,7 +34,7 @@ struct Kill {
 impl Kill {
     /// Draws a kill: with equal probability during start-up, in the first nine tenths, or in the last tenth of a
     /// mission whose trace has `bytes`.
-    fn draw(bytes: u64, random: &mut ChaCha8Rng) -> Self {
+    pub fn draw(bytes: u64, random: &mut ChaCha8Rng) -> Self {
         let fraction = match random.random_range(0..3) {
             0 => 0.0,
             1 => random.random_range(0.0..0.9),
@@ -82,6 +82,24 @@ fn disturb(
     wait(launcher)
 }
 
+/// Flies a mission to its end, in which processes are killed, and which is resumed when its launcher was.
+pub fn fly_killed(
+    place: &Place,
+    flight: &FlightBuilder,
+    mut kills: Vec<Kill>,
+    random: &mut ChaCha8Rng,
+    killed: &mut BTreeMap<String, u64>,
+) {
+    kills.sort_by_key(|kill| Reverse(kill.bytes));
+    loop {
+        let ended = disturb(place, launcher_of(place, flight).spawn().unwrap(), &mut kills, random, killed);
+        if ended.code == Some(0) {
+            return;
+        }
+        assert_eq!(ended.signal, Some(9), "{ended:?}");
+    }
+}
+
 /// Flies missions, each with at most `kills` kills, and returns the number of kills.
 fn kill_anywhere(missions: u64, kills: u32, seed: u64) -> u64 {
     let place = Place::new();
@@ -96,16 +114,8 @@ fn kill_anywhere(missions: u64, kills: u32, seed: u64) -> u64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut killed = BTreeMap::new();
     for _ in 0..missions {
-        let mut kills: Vec<_> = (0..kills).map(|_| Kill::draw(bytes, &mut random)).collect();
-        kills.sort_by_key(|kill| Reverse(kill.bytes));
-        loop {
-            let ended =
-                disturb(&place, launcher_of(&place, &flight).spawn().unwrap(), &mut kills, &mut random, &mut killed);
-            if ended.code == Some(0) {
-                break;
-            }
-            assert_eq!(ended.signal, Some(9), "{ended:?}");
-        }
+        let kills = (0..kills).map(|_| Kill::draw(bytes, &mut random)).collect();
+        fly_killed(&place, &flight, kills, &mut random, &mut killed);
         place.assert_same_trace("undisturbed", "run");
         #[cfg(feature = "viewer")]
         {

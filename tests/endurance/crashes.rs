@@ -20,34 +20,47 @@ use crate::tracer::{CrashPoint, kill_at, trace};
 
 const LAUNCHER: &str = "skysink";
 
+/// One UAV, and three with batteries and a base.
+const SCENARIOS: [&str; 2] = ["smoke", "fleet"];
+
 /// Slots of the mission.
 const SLOTS: usize = 20;
+
+/// A mission of one of [`SCENARIOS`].
+fn flight<'a>(place: &'a Place, scenario: &str) -> FlightBuilder<'a> {
+    let home =
+        if scenario == "fleet" { "uav.must_land=true uav.battery.capacity_j=9000 base.charge_w=500" } else { "" };
+    place.flight(scenario).set("slots", SLOTS).settings(home)
+}
 
 /// A place with the undisturbed mission.
 struct Missions {
     place: Place,
+    scenario: &'static str,
     #[cfg(feature = "viewer")]
     recorded: crate::support::EntitySlots,
 }
 
 impl Missions {
-    fn new() -> Self {
+    fn of(scenario: &'static str) -> Self {
         let place = Place::new();
-        Self::flight(&place).out("undisturbed").simulate();
+        let flight = flight(&place, scenario);
+        flight.out("undisturbed").simulate();
         #[cfg(feature = "viewer")]
         let recorded = {
-            Self::flight(&place).out("recorded").options(&["--record"]).simulate();
+            flight.out("recorded").options(&["--record"]).simulate();
             crate::support::verify(&place.path("recorded/mission.rrd"))
         };
         Self {
             place,
+            scenario,
             #[cfg(feature = "viewer")]
             recorded,
         }
     }
 
-    fn flight(place: &Place) -> FlightBuilder<'_> {
-        place.flight("smoke").set("slots", SLOTS)
+    fn flight(&self) -> FlightBuilder<'_> {
+        flight(&self.place, self.scenario)
     }
 
     /// The system calls of each process, each in a mission of its own, because a followed process makes the others
@@ -57,7 +70,7 @@ impl Missions {
         let processes = RING.into_iter().chain(viewer).chain([LAUNCHER]);
         let calls = processes.flat_map(|process| {
             let never = [CrashPoint { process: process.to_owned(), call: u64::MAX }];
-            let traced = kill_at(Self::flight(&self.place).launcher(), &never);
+            let traced = kill_at(self.flight().launcher(), &never);
             assert_eq!(traced.code, Some(0), "{traced:?}");
             self.check(&never);
             traced.calls
@@ -67,10 +80,10 @@ impl Missions {
 
     /// Flies a mission in which processes are killed at these points; returns the number of kills.
     fn fly(&self, points: &[CrashPoint]) -> usize {
-        let traced = kill_at(Self::flight(&self.place).launcher(), points);
+        let traced = kill_at(self.flight().launcher(), points);
         if traced.reached.iter().any(|point| point.process == LAUNCHER) {
             assert_eq!(traced.signal, Some(9), "{traced:?}");
-            let resumed = output(launcher_of(&self.place, &Self::flight(&self.place)));
+            let resumed = output(launcher_of(&self.place, &self.flight()));
             assert_eq!(resumed.code, Some(0), "{points:?}: {resumed:?}, after {}", traced.stderr);
         } else {
             assert_eq!(traced.code, Some(0), "{points:?}: {traced:?}");
@@ -126,7 +139,7 @@ impl Missions {
     fn fly_changed(&self, point: &CrashPoint, name: &str, change: Change) -> Option<bool> {
         let path = self.place.path("run").join(name);
         let mut changed_after = None;
-        let traced = trace(Self::flight(&self.place).launcher(), std::slice::from_ref(point), |_| {
+        let traced = trace(self.flight().launcher(), std::slice::from_ref(point), |_| {
             let slots = fs::read_to_string(self.place.path("run/slots.csv")).map_or(0, |trace| trace.lines().count());
             changed_after = change.apply(&path).is_ok().then_some(slots.saturating_sub(1));
         });
@@ -168,12 +181,12 @@ fn pairs(calls: &BTreeMap<String, u64>, count: usize, seed: u64) -> Vec<[CrashPo
     (0..count).map(|pair| [point(workers[pair % workers.len()]), point(LAUNCHER)]).collect()
 }
 
-/// Flies a mission for each of `points`, in several threads; returns the number of kills.
-fn fly_all<const N: usize>(points: &[[CrashPoint; N]], threads: usize) -> usize {
+/// Flies a mission of `scenario` for each of `points`, in several threads; returns the number of kills.
+fn fly_all<const N: usize>(scenario: &'static str, points: &[[CrashPoint; N]], threads: usize) -> usize {
     let share = points.len().div_ceil(threads);
     std::thread::scope(|scope| {
         let fly = |points: &[[CrashPoint; N]]| {
-            let missions = Missions::new();
+            let missions = Missions::of(scenario);
             points.iter().map(|points| missions.fly(points)).sum::<usize>()
         };
         let threads: Vec<_> = points.chunks(share).map(|points| scope.spawn(move || fly(points))).collect();
@@ -181,14 +194,14 @@ fn fly_all<const N: usize>(points: &[[CrashPoint; N]], threads: usize) -> usize 
     })
 }
 
-/// Flies a sample of `singles` single crash points and `pairs` pairs.
-fn sample(singles: usize, pair_count: usize) {
-    let calls = Missions::new().calls();
+/// Flies a sample of `singles` single crash points and `pairs` pairs of `scenario`.
+fn sample(scenario: &'static str, singles: usize, pair_count: usize, threads: usize) {
+    let calls = Missions::of(scenario).calls();
     let total: u64 = calls.values().sum();
     let points = every(&calls, (total as usize).div_ceil(singles));
-    let kills = fly_all(&points, 1);
-    let pair_kills = fly_all(&pairs(&calls, pair_count, 1), 1);
-    println!("{calls:?}: {kills} kills at {} points, {pair_kills} kills at {pair_count} pairs", points.len());
+    let kills = fly_all(scenario, &points, threads);
+    let pair_kills = fly_all(scenario, &pairs(&calls, pair_count, 1), threads);
+    println!("{scenario}: {calls:?}: {kills} kills at {} points, {pair_kills} at {pair_count} pairs", points.len());
     // Processes wait more or less often.
     assert!(kills * 4 >= points.len() * 3, "{kills} kills at {} points", points.len());
     assert!(pair_kills >= pair_count, "{pair_kills} kills at {pair_count} pairs");
@@ -196,12 +209,14 @@ fn sample(singles: usize, pair_count: usize) {
 
 #[test]
 fn a_crash_before_any_system_call_does_not_change_the_trace() {
-    sample(80, 16);
+    for (scenario, singles, pairs) in [(SCENARIOS[0], 60, 12), (SCENARIOS[1], 20, 4)] {
+        sample(scenario, singles, pairs, 1);
+    }
 }
 
 #[test]
 fn a_file_change_before_any_system_call_is_detected() {
-    let missions = Missions::new();
+    let missions = Missions::of(SCENARIOS[0]);
     let calls = missions.calls();
     let total: u64 = calls.values().sum();
     let files = ["slots.csv", "slots.check", "scenario.toml", "sensors.csv", "run.toml", "mission.rrd"];
@@ -215,13 +230,32 @@ fn a_file_change_before_any_system_call_is_detected() {
     assert!(changed.len() * 2 >= points.len() && said * 2 >= changed.len(), "{said} of {}", changed.len());
 }
 
+/// The part of `points` that the environment variable `PART` names, such as `2/4`: every fourth, from the second.
+fn part<T>(points: Vec<T>) -> Vec<T> {
+    let part = std::env::var("PART").unwrap_or_else(|_| "1/1".to_owned());
+    let (number, count) = part.split_once('/').expect("PART is NUMBER/COUNT");
+    let [number, count] = [number, count].map(|text| text.parse::<usize>().expect("PART is NUMBER/COUNT"));
+    points.into_iter().skip(number - 1).step_by(count).collect()
+}
+
+/// All cores.
+fn threads() -> usize {
+    available_parallelism().unwrap().get()
+}
+
 #[test]
-#[ignore = "takes hours"]
+#[ignore = "takes hours; PART=1/4 flies a quarter of the points"]
 fn no_crash_point_changes_the_trace() {
-    let calls = Missions::new().calls();
-    let threads = available_parallelism().unwrap().get();
-    let points = every(&calls, 1);
+    let scenario = SCENARIOS[0];
+    let calls = Missions::of(scenario).calls();
+    let (points, pairs) = (part(every(&calls, 1)), part(pairs(&calls, 1000, 2)));
     println!("{calls:?}: {} points", points.len());
-    println!("{} kills", fly_all(&points, threads));
-    println!("{} kills at 1000 pairs", fly_all(&pairs(&calls, 1000, 2), threads));
+    println!("{} kills", fly_all(scenario, &points, threads()));
+    println!("{} kills at {} pairs", fly_all(scenario, &pairs, threads()), pairs.len());
+}
+
+#[test]
+#[ignore = "takes half an hour"]
+fn two_thousand_crash_points_of_a_fleet_change_no_trace() {
+    sample(SCENARIOS[1], 1800, 200, threads());
 }
