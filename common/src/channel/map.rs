@@ -6,7 +6,7 @@ mod steps;
 mod written;
 
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
@@ -50,10 +50,11 @@ pub enum LinkService {
 #[derive(Debug, Clone)]
 pub struct LinkMap {
     /// The sensor node of each grid by its id or name; empty for all that have none of their own.
-    names: Vec<String>,
+    names: Arc<[String]>,
     /// Whether the names can only be ids, as of arrays: a sensor node may have the id of another as its name.
     are_ids: bool,
-    grids: Vec<LevelGrid>,
+    /// Shared by the copies at the places of the sensor nodes of each seed.
+    grids: Arc<[LevelGrid]>,
     /// SNR from which on each rate is carried [dB], and the rate [bit/s], both ascending; `None` if levels are rates.
     steps: Option<Vec<[f64; 2]>>,
     /// The grids of the sensor nodes with one of their own, by the bits of their positions.
@@ -108,13 +109,14 @@ impl LinkMap {
         }
         rows.sort_by(|a, b| a.partial_cmp(b).expect("the numbers are finite"));
         let of_sensors = || rows.chunk_by(|a, b| a.0 == b.0);
-        let grids = of_sensors().map(LevelGrid::new).collect::<Result<_, _>>().map_err(refuse)?;
+        let grids = of_sensors().map(LevelGrid::new).collect::<Result<Vec<_>, _>>().map_err(refuse)?.into();
         let mut names: Vec<String> = of_sensors().map(|rows| rows[0].0.clone()).collect();
         let id = |name: &String| name.strip_prefix(BY_ID).and_then(|id| id.parse::<usize>().ok());
         let are_ids = names.iter().any(|name| id(name).is_some())
             && names.iter().all(|name| name.is_empty() || id(name).is_some());
         names.iter_mut().filter(|_| are_ids).for_each(|name| *name = name.replace(BY_ID, ""));
-        Ok(Self { names, are_ids, grids, steps: steps.filter(|_| !are_rates), of_places: FxHashMap::default() })
+        let steps = steps.filter(|_| !are_rates);
+        Ok(Self { names: names.into(), are_ids, grids, steps, of_places: FxHashMap::default() })
     }
 
     /// Reads the map in the file `path`, with the steps in the file `rates`, before its sensor nodes are known.
@@ -217,7 +219,8 @@ const BY_ID: char = '#';
 impl PartialEq for LinkMap {
     fn eq(&self, other: &Self) -> bool {
         let Self { names, are_ids: _, grids, steps, of_places } = self;
-        *names == other.names && *grids == other.grids && *steps == other.steps && *of_places == other.of_places
+        let has_same_grids = || Arc::ptr_eq(grids, &other.grids) || *grids == other.grids;
+        *names == other.names && *steps == other.steps && *of_places == other.of_places && has_same_grids()
     }
 }
 

@@ -124,7 +124,8 @@ impl LinkMap {
         };
         let mut named: Vec<(String, LevelGrid)> = (0..count).map(grid).collect();
         named.sort_by(|(a, _), (b, _)| a.cmp(b)); // as from a file
-        let (names, grids) = named.into_iter().unzip();
+        let (names, grids): (Vec<_>, Vec<_>) = named.into_iter().unzip();
+        let (names, grids) = (names.into(), grids.into());
         Ok(Self { names, are_ids: count > 1, grids, steps, of_places: FxHashMap::default() })
     }
 }

@@ -135,6 +135,14 @@ fn a_written_map_reads_back_exactly() {
 }
 
 #[test]
+fn maps_of_the_places_of_each_seed_share_their_grids() {
+    let text = "sensor,x_m,y_m,z_m,snr_db\n7,0,0,0,-3\n8,0,0,0,4\n";
+    let map = LinkMap::parse(text, Path::new("a"), Some(steps(CQI))).unwrap();
+    let [one, other] = [0.0, 1.0].map(|x| map.clone().at_places(&[Position::new(x, 0.0), Position::new(x, 1.0)]));
+    assert!(one != other && std::sync::Arc::ptr_eq(&one.grids, &other.grids));
+}
+
+#[test]
 fn an_invalid_map_is_refused() {
     let head = "sensor,x_m,y_m,z_m,snr_db\n";
     for (text, message) in [

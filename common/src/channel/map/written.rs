@@ -6,7 +6,7 @@ impl LinkMap {
     /// The map as a CSV file, and its steps as another; floats round-trip exactly.
     pub fn to_csv(&self) -> (String, Option<String>) {
         let mut text = format!("sensor,x_m,y_m,z_m,{}\n", if self.has_rates() { "rate_bps" } else { "snr_db" });
-        for (name, LevelGrid { axes_m: [east_m, north_m, up_m], levels, .. }) in self.names.iter().zip(&self.grids) {
+        for (name, LevelGrid { axes_m: [east_m, north_m, up_m], levels, .. }) in self.names.iter().zip(&*self.grids) {
             let by_id = if self.are_ids && !name.is_empty() { "#" } else { "" };
             let quoted = name.contains([',', '"']).then(|| format!("\"{}\"", name.replace('"', "\"\"")));
             let name = quoted.unwrap_or_else(|| format!("{by_id}{name}"));
