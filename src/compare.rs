@@ -57,7 +57,7 @@ pub struct CompareCommand {
     /// runs/compare-NAMES-IDENTITY, or COMPARISON].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace another comparison in the folder --out.
+    /// Replace another finished comparison in the folder --out.
     #[arg(long, requires = "out")]
     force: bool,
     /// Do not write a recording.
