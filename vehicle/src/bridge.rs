@@ -99,6 +99,8 @@ pub struct Bridge {
     is_in_mission: bool,
     /// When the first vehicle was ready, and others were not [s].
     waiting_s: Option<f64>,
+    /// Whether the mission goes on without those that are not ready.
+    goes_on: bool,
     /// When the last plan has come, or the vehicles were ready for one [s].
     planned_s: Option<f64>,
     /// How long the bridge was suspended since then [s].
@@ -142,8 +144,8 @@ impl Bridge {
             };
             let mut control = VehicleControl::new(assignment, frame);
             match (beginning, report.flown_mode()) {
-                (Beginning::Restarted { .. }, Mode::Return | Mode::Down) => control.leave(),
-                (Beginning::Resumed, Mode::Down) => control.stay_down(), // as planners and flight-sim have it
+                (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Down) => control.stay_down(),
+                (Beginning::Restarted { .. }, Mode::Return) => control.leave(),
                 _ => {}
             }
             Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
@@ -156,6 +158,7 @@ impl Bridge {
             capacity_j: battery.map(|battery| battery.capacity_j),
             is_in_mission: beginning == Beginning::Restarted { in_mission: true },
             waiting_s: None,
+            goes_on: false,
             planned_s: None,
             suspended_s: 0.0,
             patience_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
@@ -172,14 +175,14 @@ impl Bridge {
     /// Advances to `now_s` [s]; calls `send` with the orders that are due, and `say` with lines for people.
     ///
     /// # Errors
-    /// If a vehicle must not take off.
+    /// If a vehicle must not take off, or others wait for it in vain.
     pub fn poll(
         &mut self,
         now_s: f64,
         mut send: impl FnMut(usize, &Order),
         mut say: impl FnMut(usize, String),
     ) -> Result<(), VehicleRefusal> {
-        self.check_patience(now_s);
+        self.check_patience(now_s)?;
         if self.members.iter().all(|member| member.control.phase() != Phase::Preflight) {
             self.members.iter_mut().for_each(|member| member.control.allow_arming());
         }
@@ -199,7 +202,8 @@ impl Bridge {
         let is_over =
             |control: &VehicleControl| matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
         let is_flown = self.is_in_mission || self.members.iter().any(|member| member.control.has_begun());
-        is_flown && self.members.iter().all(|member| member.control.has_begun() || is_over(&member.control))
+        let is_ready = |control: &VehicleControl| control.has_begun() || is_over(control) || self.goes_on;
+        is_flown && self.members.iter().all(|member| is_ready(&member.control))
     }
 
     /// The bridge's side of the vehicle of a UAV, by its number from 0.
@@ -244,12 +248,24 @@ impl Bridge {
         taken.map(|(uav, _)| uav + 1).collect()
     }
 
-    /// Sends the vehicles home if there has been no plan for too long, or some wait too long for others.
-    fn check_patience(&mut self, now_s: f64) {
-        if !self.has_begun() && self.members.iter().any(|member| member.control.has_begun()) {
+    /// Sends the vehicles home if there has been no plan for too long. In the middle of a mission it goes on without a
+    /// vehicle that others wait for too long.
+    ///
+    /// # Errors
+    /// If that is before a mission.
+    fn check_patience(&mut self, now_s: f64) -> Result<(), VehicleRefusal> {
+        let hovers = |Member { control, .. }: &Member| control.phase() == Phase::Flying && control.has_begun();
+        if !self.has_begun() && self.members.iter().any(hovers) {
             let waiting_s = *self.waiting_s.get_or_insert(now_s);
             if now_s - waiting_s > COMPANY_S {
-                self.return_home(&format!("another vehicle is not ready after {COMPANY_S} s"), now_s);
+                let mut awaited = (1..).zip(&mut self.members).filter(|(_, member)| !hovers(member));
+                if self.is_in_mission {
+                    awaited.for_each(|(_, member)| member.control.leave_behind());
+                    self.goes_on = true;
+                } else if let Some((number, _)) = awaited.next() {
+                    let why = format!("it is not ready {COMPANY_S} s after another: no slot is flown");
+                    return Err(VehicleRefusal { number, why: PreflightRefusal(why) });
+                }
             }
         }
         if self.planned_s.is_none() && self.has_begun() {
@@ -266,6 +282,7 @@ impl Bridge {
             let planned_s = self.planned_s.unwrap_or(now_s);
             self.return_home(&format!("no plan has come for {:.0} s{cause}", now_s - planned_s), now_s);
         }
+        Ok(())
     }
 
     /// Whether no vehicle will fly any more: all fly home, as far as they say so, or have landed.
@@ -275,7 +292,7 @@ impl Bridge {
 
     /// Whether any vehicle that is not on the ground is heard.
     pub fn is_heard(&self) -> bool {
-        self.members.iter().any(|Member { control, .. }| control.phase() != Phase::Landed && !control.is_lost())
+        self.members.iter().any(|Member { control, .. }| control.phase() != Phase::Landed && control.is_heard())
     }
 
     /// Whether all vehicles are on the ground.

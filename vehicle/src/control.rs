@@ -100,6 +100,12 @@ pub struct VehicleControl {
     arming_s: f64,
     /// Whether it is left alone because its mission was over before the bridge was restarted.
     is_left: bool,
+    /// Why it returns as soon as it is known to be in the air: its mission has ended before it was heard.
+    awaited_return: Option<String>,
+    /// Whether the checks before take-off hold now.
+    is_checked: bool,
+    /// Whether it was said that it is checked.
+    has_said_checked: bool,
     /// Whether a return had no effect, so that it was ordered again.
     has_repeated_return: bool,
     /// Whether it has said where it is, and does not any more.
@@ -133,6 +139,9 @@ impl VehicleControl {
             stale_until_s: 0.0,
             arming_s: f64::NEG_INFINITY,
             is_left: false,
+            awaited_return: None,
+            is_checked: false,
+            has_said_checked: false,
             has_repeated_return: false,
             is_blind: false,
             may_arm: false,
@@ -146,11 +155,16 @@ impl VehicleControl {
         self.give_up("it was, or has returned, before the bridge was restarted");
     }
 
-    /// Leaves a vehicle on the ground that had ended its mission there before the run was stopped.
+    /// Leaves a vehicle on the ground that had ended its mission there, under an earlier bridge.
     pub fn stay_down(&mut self) {
-        let why = "it was down before the run was stopped, and stays down";
-        self.said.say(why.replacen("it ", "", 1));
-        self.land(why);
+        self.has_begun = true;
+        self.said.say("was down before, and stays down".to_owned());
+        self.land("it was down before");
+    }
+
+    /// Says that the mission goes on without it, unless it is ready after all.
+    pub fn leave_behind(&mut self) {
+        self.said.say("is not ready: the mission goes on without it until it is".to_owned());
     }
 
     /// Lets it be armed, as soon as it is checked itself.
@@ -168,9 +182,9 @@ impl VehicleControl {
         self.phase == Phase::TakenOver && !self.is_left
     }
 
-    /// Whether it has not been heard for too long.
-    pub fn is_lost(&self) -> bool {
-        self.is_lost
+    /// Whether it was heard at all, and not too long ago.
+    pub fn is_heard(&self) -> bool {
+        !self.is_lost && self.vehicle.autopilot.is_some()
     }
 
     /// The phase of its mission.
@@ -347,14 +361,15 @@ impl VehicleControl {
         let says_disarmed = self.is_committed() && self.vehicle.is_armed() == Some(false);
         let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
         let is_astray = self.jumps.is_doubtful(now_s) || self.is_blind;
-        let is_placed = self.has_current_position(now_s);
+        let (is_placed, is_checked) = (self.has_current_position(now_s), self.is_checked);
         // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt; before it is
         // in the air, one that says whether it is armed, too.
         let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| order.may_overrule(autopilot));
         let may_send = |order: &Order| {
             let may_fly = match order {
                 Order::Reposition { .. } => !is_astray,
-                Order::Arm | Order::TakeOff(_) => is_placed,
+                Order::Arm => is_placed && is_checked,
+                Order::TakeOff(_) => is_placed,
                 _ => true,
             };
             let is_before_flight = matches!(order, Order::Mode(_) | Order::Arm | Order::TakeOff(_));
@@ -390,9 +405,22 @@ impl VehicleControl {
 
     /// Checks whether the vehicle may take off, or is in the air already.
     fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
+        if self.is_of_earlier_bridge()
+            && let Some(why) = self.awaited_return.take()
+        {
+            self.return_home(&why, now_s);
+            return Ok(());
+        }
         let position = self.position().filter(|_| self.has_current_position(now_s));
         let Self { preflight, vehicle, takeover, assignment, .. } = self;
-        match preflight.judge(vehicle, position, takeover, assignment, now_s, orders)? {
+        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders)?;
+        if self.takeover.has_been_disarmed()
+            && let Some(why) = self.awaited_return.take()
+        {
+            self.land(&why);
+            return Ok(());
+        }
+        match clearance {
             Clearance::Wait(missing) => {
                 self.preflight.missing = Some(missing);
                 if self.preflight.is_line_due(now_s) {
@@ -401,8 +429,10 @@ impl VehicleControl {
             }
             Clearance::GiveUp(why) => self.give_up(&why),
             Clearance::Arm => {
-                self.say_findings();
-                self.said.say("is checked: arming".to_owned());
+                if !std::mem::replace(&mut self.has_said_checked, true) {
+                    self.say_findings();
+                    self.said.say("is checked: arming".to_owned());
+                }
                 self.phase = Phase::Arming;
                 self.retry_s = now_s;
             }

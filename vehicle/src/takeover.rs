@@ -117,11 +117,6 @@ impl Takeover {
         };
     }
 
-    /// Whether it was seen to return, or to land, after it was told to.
-    pub fn has_returned(&self) -> bool {
-        matches!(self.modes, Explained::Returning { seen: Some(_), .. })
-    }
-
     /// Notes that the vehicle hovers at its start: from now on it stays in the modes that follow orders.
     pub fn begin(&mut self, mode: u32) {
         self.modes = Explained::Following(mode);

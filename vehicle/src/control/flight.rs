@@ -14,7 +14,8 @@ impl VehicleControl {
         if self.end_if_taken_over() {
             return;
         }
-        if !self.takeover.is_arming() && !self.is_still_checked(now_s, orders) {
+        self.check_again(now_s, orders);
+        if self.phase != Phase::Arming {
             return;
         }
         let guided = self.vehicle.autopilot.and_then(|autopilot| autopilot.guided_mode());
@@ -46,25 +47,24 @@ impl VehicleControl {
         }
     }
 
-    /// Whether the checks before take-off hold now: they may be minutes old. Otherwise it waits for what is missing, or is
-    /// left on the ground.
-    fn is_still_checked(&mut self, now_s: f64, orders: &mut Vec<Order>) -> bool {
+    /// Checks whether the checks before take-off hold now: they may be minutes old. Otherwise it waits for what is missing,
+    /// or is left on the ground; after an order to arm, it gets no other.
+    fn check_again(&mut self, now_s: f64, orders: &mut Vec<Order>) {
         let position = self.position().filter(|_| self.has_current_position(now_s));
-        match self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders) {
-            Ok(None) => return true,
-            Ok(Some(missing)) => {
-                self.said.say(format!("is not armed: waiting for it {missing}"));
-                self.preflight.missing = Some(missing);
+        let checked = self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders);
+        self.is_checked = checked == Ok(None);
+        match checked {
+            Ok(Some(_)) if !self.takeover.is_arming() => {
                 self.outbox.clear();
-                self.phase = Phase::Preflight;
+                self.phase = Phase::Preflight; // which says what is missing
                 self.may_arm = false;
             }
-            Err(PreflightRefusal(why)) => {
+            Err(PreflightRefusal(why)) if !self.takeover.is_arming() => {
                 self.said.say(format!("is not armed: {why}"));
                 self.land(&why);
             }
+            _ => {}
         }
-        false
     }
 
     /// Takes off, until the altitude of the start is reached.
@@ -178,6 +178,10 @@ impl VehicleControl {
             Phase::Preflight if self.is_of_earlier_bridge() => {
                 self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
             }
+            Phase::Preflight if self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed() => {
+                self.awaited_return.get_or_insert(why.to_owned());
+                return;
+            }
             Phase::Preflight => return self.land(why), // it is not the bridge's
             Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(why),
             Phase::Arming | Phase::TakeOff | Phase::Flying => {}
@@ -195,7 +199,7 @@ impl VehicleControl {
     }
 
     /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it.
-    fn is_of_earlier_bridge(&self) -> bool {
+    pub(super) fn is_of_earlier_bridge(&self) -> bool {
         let is_near =
             self.vehicle.fix().and_then(|fix| self.away_m(fix)).is_some_and(|away_m| away_m <= TAKE_OFF_RADIUS_M);
         let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
@@ -212,7 +216,7 @@ impl VehicleControl {
         if self.end_if_taken_over() {
             return;
         }
-        if self.takeover.has_returned() && !self.vehicle.is_in_doubt() {
+        if self.vehicle.meaning() == ModeMeaning::Returns && !self.vehicle.is_in_doubt() {
             self.outbox.clear(); // a return that is repeated could undo the landing of a pilot, or of a failsafe
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
