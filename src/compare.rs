@@ -131,7 +131,7 @@ impl CompareCommand {
         }
         let sweep = sweep_of(scenario, self.changes.overrides(), strategies, self.seeds.unwrap_or(SEEDS))?;
         if let Some(out) = self.out.as_ref().filter(|_| self.force) {
-            remove_comparison(out)?;
+            remove_comparison(out, &sweep)?;
         }
         let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, scenario));
         self.write(&fly_contenders(&sweep, &out, stop)?, &[], &out, stop)

@@ -73,6 +73,8 @@ fn another_comparison_is_replaced_if_asked_and_a_sweep_of_one_point_is_not() {
     place.run_refused(&[&["compare"], &other[..]].concat(), "both: its sweep.json describes another sweep");
     let replaced = compared(&place, &[&other[..], &["--force"]].concat());
     assert_eq!(standing(&replaced, "edf", "loss_rate")["n"], 2);
+    std::fs::remove_file(place.path("both/comparison.json")).unwrap(); // as an interrupt leaves it
+    assert_eq!(compared(&place, &[&other[..], &["--force"]].concat()), replaced);
 }
 
 #[test]

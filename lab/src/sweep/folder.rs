@@ -165,22 +165,26 @@ fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError>
     }
 }
 
-/// Removes the comparison in the folder `path`, a sweep over one scenario with standings, if there is one. Its lock
-/// stays.
+/// Removes the comparison in the folder `path`, a sweep over one scenario with standings, unless `sweep` continues or
+/// extends it. Its lock stays.
 ///
 /// # Errors
 /// If it is a sweep, which is kept; if it is in use by another process, or a file cannot be removed.
-pub fn remove_comparison(path: &Path) -> Result<(), LabError> {
+pub fn remove_comparison(path: &Path, sweep: &Sweep) -> Result<(), LabError> {
     let Ok(text) = read_regular(&path.join(MANIFEST)) else { return Ok(()) };
     let refuse = |message| LabError::from(InputError::new("sweep folder", path, message));
-    let is_one = |held: Manifest| held.definition.points.len() == 1;
-    if !serde_json::from_slice(&text).is_ok_and(is_one) || !path.join(STANDINGS).is_file() {
+    let held = serde_json::from_slice::<Manifest>(&text).ok().map(|held| held.definition);
+    if held.as_ref().is_some_and(|held| held.lacking_in(&sweep.definition).is_none()) {
+        return Ok(());
+    }
+    if held.is_none_or(|held| held.points.len() > 1) || !path.join(STANDINGS).is_file() {
         return Err(refuse("it contains a sweep, or an unfinished comparison: --force replaces finished ones only"));
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
-    remove(path, RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING]).chain(SAVED))?;
-    Ok(folder.remove_results()?)
+    remove(path, RESULTS.into_iter().chain([JOURNAL, RECORDING]).chain(SAVED))?;
+    folder.remove_results()?;
+    remove(path, [STANDINGS].into_iter()) // last: without them it is no comparison
 }
 
 /// The finished missions of a sweep.
