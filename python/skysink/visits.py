@@ -89,6 +89,7 @@ def plan_visits(
     if isinstance(objective, Mapping) and not any(weight for name, weight in objective.items() if name != "loss"):
         loss = objective.get("loss")
         if isinstance(loss, (int, float)) and loss > 0.0:
+            Scenario.letter().replace({"planner.objective": dict(objective)})  # refuses unknown names and impossible weights
             factor, objective = float(loss), "loss"
     fills = each("fill_slots", fill_slots, 1e-3)
     waited = np.minimum(each("waited_slots", waited_slots, 0.0), fills)
