@@ -99,6 +99,8 @@ def test_a_sum_of_losses_alone_is_a_multiple_of_the_loss(objective: dict[str, fl
         ({"objective": "collect"}, "expected costs of the time"),
         ({"objective": "deadline"}, "deadline_slots = None"),
         ({"objective": "fast"}, "planner.objective"),
+        ({"objective": {"loss": 1.0, "fast": 0.0}}, "planner.objective"),
+        ({"objective": {"loss": np.inf}}, "planner.objective"),
         ({"radius_m": -1.0}, "radius_m = -1.0"),
         ({"slots": 0}, "slots"),
         ({"start_m": (np.nan, 0.0)}, "start_m"),
