@@ -111,17 +111,20 @@ impl Fleet {
     }
 
     /// Why vehicles that are where they were last observed must not follow `plans`, in the order of their numbers;
-    /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first.
-    pub fn refusals(&self, plans: &[Plan]) -> ByUav<HoldReason> {
+    /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first. Those of
+    /// whose number `follows` is false stay where they are, whatever is planned.
+    pub fn refusals(&self, plans: &[Plan], follows: impl Fn(usize) -> bool) -> ByUav<HoldReason> {
         let mut refusals: ByUav<HoldReason> = ByUav::new();
-        for (uav, plan) in self.uavs.iter().zip(plans) {
-            let is_too_near = |(lower, refusal): (usize, &HoldReason)| {
-                let flies = *refusal == HoldReason::None && plans[lower].mode != Mode::Charge as u32;
-                let end = if flies { plans[lower].waypoint() } else { self.uavs[lower].vehicle.position };
+        for (number, (uav, plan)) in self.uavs.iter().zip(plans).enumerate() {
+            let is_too_near = |other: usize| {
+                let is_told = follows(other) && refusals.get(other) == Some(&HoldReason::None);
+                let flies = is_told && plans[other].mode != Mode::Charge as u32;
+                let end = if flies { plans[other].waypoint() } else { self.uavs[other].vehicle.position };
                 uav.is_too_near(plan, &end.xy(), self.separation_m)
             };
             let flies = self.separation_m > 0.0 && plan.mode != Mode::Charge as u32;
-            let is_crowded = flies && refusals.iter().enumerate().any(is_too_near);
+            let mut fixed = (0..plans.len()).filter(|&other| other < number || other > number && !follows(other));
+            let is_crowded = flies && fixed.any(is_too_near);
             refusals.push(if is_crowded { HoldReason::Separation } else { uav.refusal(plan) });
         }
         refusals
@@ -325,6 +328,21 @@ mod tests {
         assert_eq!(flown[2][1], (1_000.0, 0));
     }
 
+    #[test]
+    fn a_uav_that_does_not_follow_its_plan_is_kept_clear_of_where_it_is() {
+        let text = "name = 'x'\n[uav]\ncount = 2\nmax_speed_mps = 30.0\nseparation_m = 15.0\nstarts_m = [[50, 50], [50, 70]]\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let plan = |y_m: f64| Plan::fly_to([50.0, y_m, 20.0], Mode::Fly);
+        let fleet = Fleet::new(&scenario, &[]);
+        let refusals = |plans: [f64; 2], holds: usize| {
+            let refusals = fleet.refusals(&plans.map(plan), |uav| uav != holds);
+            refusals.iter().map(|&refusal| refusal == HoldReason::Separation).collect::<Vec<_>>()
+        };
+        // The second is planned to go away, and stays; the first, the same.
+        assert_eq!((refusals([60.0, 90.0], 9), refusals([60.0, 90.0], 1)), (vec![false, false], vec![true, false]));
+        assert_eq!((refusals([30.0, 60.0], 9), refusals([30.0, 60.0], 0)), (vec![false, false], vec![false, true]));
+    }
+
     proptest! {
         #[test]
         fn refusals_before_the_flight_match_those_in_flight(
@@ -338,7 +356,7 @@ mod tests {
             };
             let plans: Vec<Plan> = waypoints.iter().map(plan).collect();
             let mut fleet = Fleet::new(&scenario, &[]);
-            let refusals: Vec<u32> = fleet.refusals(&plans).iter().map(|&refusal| refusal as u32).collect();
+            let refusals: Vec<u32> = fleet.refusals(&plans, |_| true).iter().map(|&refusal| refusal as u32).collect();
             let mut reports = fleet.start();
             fleet.step(1, |uav| Some(&plans[uav]), &mut reports);
             let holds: Vec<u32> = reports.iter().map(|report| report.hold).collect();
