@@ -12,6 +12,9 @@ use skysink_kinematic_vehicle::autopilot::{Copter, CopterMode};
 /// A heartbeat of a ground station of system 254 in MAVLink 2.
 const STATION: [u8; 21] = [253, 9, 0, 0, 0, 254, 190, 0, 0, 0, 0, 0, 0, 0, 6, 8, 0, 4, 3, 23, 0];
 
+/// Two vehicles, at the home of the kinematic ones and 10 m beside it.
+const FLEET: &str = "uav.count=2 uav.starts_m=[[30.0,30.0],[40.0,30.0]]";
+
 /// The modes of the trace, by slot.
 fn modes(place: &Place) -> Vec<String> {
     csv_rows(&place.trace("run")).iter().map(|row| row["mode"].clone()).collect()
@@ -256,7 +259,7 @@ pub fn a_stopped_run_is_resumed_where_the_vehicle_was() {
 pub fn one_bridge_flies_a_fleet() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { count: 2, lag: 0.2, ..KinematicOptions::default() });
-    let ended = vehicle.flight(&place).set("uav.count", 2).set("slots", 15).run();
+    let ended = vehicle.flight(&place).settings(FLEET).set("slots", 15).run();
     assert!(percent_reached(&ended.stderr) >= 95.0, "{ended:?}");
     for number in 1..=2 {
         assert!(ended.stderr.contains(&format!("vehicle {number}: has landed")), "{ended:?}");
@@ -269,7 +272,7 @@ pub fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
     let [first, second] =
         [0.3, 0.0].map(|lag| TestVehicle::start(KinematicOptions { lag, ..KinematicOptions::default() }));
     let addresses = format!("{},{}", first.address, second.address);
-    let ended = first.flight_of(&place, &addresses).set("uav.count", 2).set("slots", 8).run();
+    let ended = first.flight_of(&place, &addresses).settings(FLEET).set("slots", 8).run();
     assert!(ended.stderr.contains("vehicle 2: has landed"), "{ended:?}");
     first.until_landed();
     second.until_landed();

@@ -141,11 +141,12 @@ impl Bridge {
                 low_battery: battery.map_or(DEFAULT_LOW_BATTERY, |battery| battery.reserve_j / battery.capacity_j),
                 beginning,
                 own_system,
+                was_armed: beginning == Beginning::Restarted { in_mission: true },
             };
             let mut control = VehicleControl::new(assignment, frame);
             match (beginning, report.flown_mode()) {
                 (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Down) => control.stay_down(),
-                (Beginning::Restarted { .. }, Mode::Return) => control.leave(),
+                (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Return) => control.leave(),
                 _ => {}
             }
             Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
@@ -197,6 +198,16 @@ impl Bridge {
         Ok(())
     }
 
+    /// Leaves the vehicle of this number from 0 alone, which a bridge before has left to others.
+    pub fn leave(&mut self, uav: usize) {
+        self.members[uav].control.leave();
+    }
+
+    /// Never arms the vehicle of this number from 0, which a bridge before has armed.
+    pub fn note_armed_before(&mut self, uav: usize) {
+        self.members[uav].control.note_armed_before();
+    }
+
     /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
     pub fn has_begun(&self) -> bool {
         let is_over =
@@ -204,6 +215,11 @@ impl Bridge {
         let is_flown = self.is_in_mission || self.members.iter().any(|member| member.control.has_begun());
         let is_ready = |control: &VehicleControl| control.has_begun() || is_over(control) || self.goes_on;
         is_flown && self.members.iter().all(|member| is_ready(&member.control))
+    }
+
+    /// Number of vehicles.
+    pub fn uavs(&self) -> usize {
+        self.members.len()
     }
 
     /// The bridge's side of the vehicle of a UAV, by its number from 0.
@@ -330,7 +346,8 @@ impl Bridge {
         self.planned_s = Some(now_s);
         self.waits_s = self.patience_s;
         self.suspended_s = 0.0;
-        let refusals = self.fleet.refusals(plans);
+        let follows = |uav: usize| self.members[uav].control.follows_plans(now_s);
+        let refusals = self.fleet.refusals(plans, follows);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
             let plan = Plan { z_m: self.altitude_m.unwrap_or(plan.z_m), ..*plan };
             member.refusal = if plan.mode == Mode::Charge as u32 { HoldReason::Base } else { refusal };

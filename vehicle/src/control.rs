@@ -11,7 +11,7 @@ use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Clearance, Preflight, PreflightRefusal};
+use crate::preflight::{Assignment, Beginning, Clearance, Preflight, PreflightRefusal};
 use crate::said::Said;
 use crate::state::VehicleState;
 use crate::takeover::Takeover;
@@ -38,6 +38,12 @@ const SETTLED_S: f64 = 0.3;
 
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
+
+/// Time without a message after which a vehicle gets no heartbeats until it is heard [s].
+const ABANDONED_S: f64 = 10.0;
+
+/// Time after which a flight to the start that does not end is given up [s].
+const TO_START_S: f64 = 600.0;
 
 /// Greatest speed of a vehicle that hovers [m/s].
 const HOVER_MPS: f64 = 0.5;
@@ -89,8 +95,9 @@ pub struct VehicleControl {
     has_begun: bool,
     /// Why its mission is over, in a sentence about "it"; empty before.
     end: String,
-    /// When it began to climb [s].
+    /// When it began to climb, and to fly to its start [s].
     climbs_s: Option<f64>,
+    to_start_s: Option<f64>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
     is_lost: bool,
@@ -134,6 +141,7 @@ impl VehicleControl {
             has_begun: false,
             end: String::new(),
             climbs_s: None,
+            to_start_s: None,
             retry_s: 0.0,
             is_lost: false,
             stale_until_s: 0.0,
@@ -151,8 +159,26 @@ impl VehicleControl {
 
     /// Leaves a vehicle alone that had ended its mission, or was taken over, before this bridge was restarted.
     pub fn leave(&mut self) {
-        self.is_left = true;
-        self.give_up("it was, or has returned, before the bridge was restarted");
+        if self.phase == Phase::Preflight {
+            self.is_left = true;
+            self.has_begun = self.assignment.beginning != Beginning::Restarted { in_mission: false };
+            self.give_up("it was, or has returned, before this bridge began");
+        }
+    }
+
+    /// Never arms it: a bridge before has.
+    pub fn note_armed_before(&mut self) {
+        self.assignment.was_armed = true;
+    }
+
+    /// Whether it has been armed by an order of this bridge or of one before.
+    pub fn was_armed(&self) -> bool {
+        self.assignment.was_armed || self.takeover.has_armed()
+    }
+
+    /// Whether it flies to the waypoints of plans, as far as is known.
+    pub fn follows_plans(&self, now_s: f64) -> bool {
+        self.phase == Phase::Flying && !self.has_refused && self.has_current_position(now_s)
     }
 
     /// Leaves a vehicle on the ground that had ended its mission there, under an earlier bridge.
@@ -185,6 +211,13 @@ impl VehicleControl {
     /// Whether it was heard at all, and not too long ago.
     pub fn is_heard(&self) -> bool {
         !self.is_lost && self.vehicle.autopilot.is_some()
+    }
+
+    /// Whether it may be in the air and has not been heard for so long that its dead-man switch has to bring it home.
+    pub fn is_to_come_home(&self, now_s: f64) -> bool {
+        let may_fly = self.is_committed() || matches!(self.assignment.beginning, Beginning::Restarted { .. });
+        let is_ours = !matches!(self.phase, Phase::TakenOver | Phase::Landed);
+        may_fly && is_ours && self.vehicle.unheard_s(now_s) >= ABANDONED_S
     }
 
     /// The phase of its mission.
@@ -440,8 +473,15 @@ impl VehicleControl {
                 self.say_findings();
                 self.said.say("is in the air: flying on".to_owned());
                 self.takeover.adopt(mode);
-                self.fly(now_s);
+                let is_low =
+                    self.vehicle.fix().is_some_and(|fix| fix.above_home_m < self.assignment.start.z - CLIMBED_M);
+                if self.assignment.beginning == (Beginning::Restarted { in_mission: false }) && is_low {
+                    self.phase = Phase::TakeOff; // which goes on
+                } else {
+                    self.fly(now_s);
+                }
             }
+            Clearance::Return(why) => self.return_home(&why, now_s),
         }
         Ok(())
     }

@@ -14,6 +14,17 @@ const LISTEN_S: f64 = 4.0;
 /// How long a vehicle keeps its address against a second sender of its system [s].
 const KEEPS_ADDRESS_S: f64 = 2.0;
 
+/// How far the clock of a vehicle may be from where it should be [s], and more for each second of silence.
+const CLOCK_S: f64 = 1.0;
+const CLOCK_DRIFT: f64 = 0.02;
+
+/// How far a vehicle may be from its last position [m], and more for each second of silence [m/s].
+const NEAR_M: f64 = 20.0;
+const FAST_MPS: f64 = 30.0;
+
+/// Length of a degree of latitude [m].
+const DEGREE_M: f64 = 111_200.0;
+
 /// Types of vehicles that hover, and whose modes are those of copters.
 const HOVERING: [MavType; 9] = [
     MavType::MAV_TYPE_QUADROTOR,
@@ -47,7 +58,8 @@ struct Heard {
     heard_s: f64,
     /// Another address that has sent for its system.
     second: Option<SocketAddr>,
-    fix: Option<Fix>,
+    /// Its last position, and when that was heard [s].
+    fix: Option<(Fix, f64)>,
     /// Whether its type is believed for good: ArduCopter tells its own only after a while.
     is_fixed: bool,
 }
@@ -61,6 +73,8 @@ pub enum Sender {
     Moved,
     /// From a second address of a system that is heard from another.
     Second,
+    /// From a new address, as the old one is silent; nothing shows yet that it is the same vehicle.
+    Unproven,
     /// Of a system without an autopilot, so far.
     Unknown,
 }
@@ -92,8 +106,9 @@ impl Vehicles {
         self.heard.get(&system).is_some_and(is_same)
     }
 
-    /// Takes in that `system` has sent a valid message from `from`.
-    pub fn hear(&mut self, system: u8, from: Option<SocketAddr>, now_s: f64) -> Sender {
+    /// Takes in that `system` has sent a valid message from `from`; `fix` is the position that it reports, if it does.
+    /// After a silence a vehicle in flight is believed elsewhere only if it goes on from where it was, by its clock.
+    pub fn hear(&mut self, system: u8, from: Option<SocketAddr>, fix: Option<&Fix>, now_s: f64) -> Sender {
         let Some(heard) = self.heard.get_mut(&system) else { return Sender::Unknown };
         if heard.address == from {
             heard.heard_s = now_s;
@@ -103,6 +118,12 @@ impl Vehicles {
         if now_s - heard.heard_s < KEEPS_ADDRESS_S || from.is_some() && heard.second == from {
             heard.second = heard.second.or(from);
             return Sender::Second;
+        }
+        if let Some((last, last_s)) = &heard.fix
+            && heard.is_fixed
+            && !fix.is_some_and(|fix| goes_on(last, fix, now_s - last_s))
+        {
+            return Sender::Unproven;
         }
         heard.address = from;
         heard.heard_s = now_s;
@@ -122,9 +143,9 @@ impl Vehicles {
     }
 
     /// Takes in where `system` is.
-    pub fn locate(&mut self, system: u8, fix: &Fix) {
+    pub fn locate(&mut self, system: u8, fix: &Fix, now_s: f64) {
         if let Some(heard) = self.heard.get_mut(&system) {
-            heard.fix = Some(*fix);
+            heard.fix = Some((*fix, now_s));
         }
     }
 
@@ -172,7 +193,7 @@ impl Vehicles {
             return Ok(());
         }
         let row = |(system, heard): (&u8, &Heard)| {
-            let place = heard.fix.as_ref().and_then(&away);
+            let place = heard.fix.as_ref().and_then(|(fix, _)| away(fix));
             let place =
                 place.map_or("at an unknown place".to_owned(), |away_m| format!("{away_m:.0} m from the start"));
             format!("system {system} ({}, {place})", name(heard.kind))
@@ -209,6 +230,15 @@ impl Vehicles {
         let kind = self.heard.get(&system).map(|heard| format!(" ({})", name(heard.kind)));
         format!("system {system}{}", kind.unwrap_or_default())
     }
+}
+
+/// Whether `fix` may be a later one of the vehicle of `last`, after `seconds` [s]: its clock goes on, and it is no farther
+/// than a vehicle flies in that time.
+fn goes_on(last: &Fix, fix: &Fix, seconds: f64) -> bool {
+    let north_m = (fix.lat_deg - last.lat_deg) * DEGREE_M;
+    let east_m = (fix.lon_deg - last.lon_deg) * DEGREE_M * last.lat_deg.to_radians().cos();
+    let is_in_time = (fix.boot_s - last.boot_s - seconds).abs() <= CLOCK_S + CLOCK_DRIFT * seconds;
+    is_in_time && north_m.hypot(east_m) <= NEAR_M + FAST_MPS * seconds
 }
 
 /// The name of a type, such as `ground rover`.
@@ -263,7 +293,7 @@ mod tests {
             heading_deg: 0.0,
             boot_s: 0.0,
         };
-        two.locate(3, &fix);
+        two.locate(3, &fix, 0.0);
         let expected = "2 vehicles at its address: system 1 (ground rover, at an unknown place), system 3 (quadrotor, 12 m \
                         from the start): expected one, or ?system=N behind the address";
         assert_eq!(two.choose(None, 9.0, |_| Some(12.3)), Err(expected.to_owned()));
@@ -287,14 +317,40 @@ mod tests {
     #[test]
     fn a_vehicle_keeps_its_address_until_it_is_silent_there() {
         let mut one = heard(&[(1, MAV_TYPE_QUADROTOR)]);
-        assert_eq!(one.hear(2, address(1), 0.5), Sender::Unknown);
-        assert_eq!(one.hear(1, address(1), 1.0), Sender::Known);
-        assert_eq!(one.hear(1, address(9), 2.9), Sender::Second);
+        assert_eq!(one.hear(2, address(1), None, 0.5), Sender::Unknown);
+        assert_eq!(one.hear(1, address(1), None, 1.0), Sender::Known);
+        assert_eq!(one.hear(1, address(9), None, 2.9), Sender::Second);
         assert_eq!(one.address(1), address(1));
         let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
         assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
-        assert_eq!(one.hear(1, address(9), 60.0), Sender::Second, "it was beside the vehicle");
-        assert_eq!(one.hear(1, address(8), 61.0), Sender::Moved);
+        assert_eq!(one.hear(1, address(9), None, 60.0), Sender::Second, "it was beside the vehicle");
+        assert_eq!(one.hear(1, address(8), None, 61.0), Sender::Moved);
         assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(8), false));
+    }
+
+    #[test]
+    fn a_vehicle_in_flight_is_believed_elsewhere_only_if_it_goes_on_from_where_it_was() {
+        let fix = |lat_deg: f64, boot_s: f64| Fix {
+            lat_deg,
+            lon_deg: 8.0,
+            above_home_m: 20.0,
+            above_sea_m: 500.0,
+            velocity_mps: [0.0; 3],
+            heading_deg: 0.0,
+            boot_s,
+        };
+        let mut one = heard(&[(1, MAV_TYPE_QUADROTOR)]);
+        one.locate(1, &fix(47.0, 100.0), 1.0);
+        assert_eq!(one.clone().hear(1, address(9), None, 60.0), Sender::Moved, "before it is flown");
+        one.fix_type(1);
+        for (other, expected) in [
+            (None, Sender::Unproven),
+            (Some(fix(47.0, 60.0)), Sender::Unproven),  // of another clock
+            (Some(fix(47.1, 110.0)), Sender::Unproven), // 11 km away
+            (Some(fix(47.001, 110.0)), Sender::Moved),
+        ] {
+            assert_eq!(one.clone().hear(1, address(9), other.as_ref(), 11.0), expected, "{other:?}");
+        }
+        assert_eq!(one.address(1), address(1));
     }
 }

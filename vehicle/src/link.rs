@@ -48,6 +48,9 @@ pub struct ChosenVehicle {
     pub system: u8,
     /// Its address, over UDP.
     pub address: Option<SocketAddr>,
+    /// Whether it has been armed by an order.
+    #[serde(default)]
+    pub was_armed: bool,
 }
 
 /// The vehicle of a UAV.
@@ -128,13 +131,15 @@ impl Link {
         self.budget = MOST_IN_A_POLL;
     }
 
-    /// The vehicles that are chosen, or were by the bridge before, by the numbers of their UAVs.
-    pub fn chosen(&self) -> Vec<Option<ChosenVehicle>> {
-        let chosen = |route: &Route| {
+    /// The vehicles that are chosen, or were by the bridge before, by the numbers of their UAVs from 0, for which
+    /// `was_armed` says whether they have been armed by an order.
+    pub fn chosen(&self, was_armed: impl Fn(usize) -> bool) -> Vec<Option<ChosenVehicle>> {
+        let chosen = |(uav, route): (usize, &Route)| {
             let address = |system| self.connections[route.connection].vehicles.address(system);
-            route.system.map(|system| ChosenVehicle { system, address: address(system) }).or(route.before)
+            let new = |system| ChosenVehicle { system, address: address(system), was_armed: was_armed(uav) };
+            route.system.map(new).or(route.before)
         };
-        self.routes.iter().map(chosen).collect()
+        self.routes.iter().enumerate().map(chosen).collect()
     }
 
     /// Where the vehicle of a UAV, by its number from 0, was waited for, if none is chosen.
@@ -207,7 +212,8 @@ impl Link {
             }
         }
         let vehicles = &mut self.connections[index].vehicles;
-        match vehicles.hear(system, *from, now_s) {
+        let fix = if let Some(Telemetry::Position(fix)) = &telemetry { Some(fix) } else { None };
+        match vehicles.hear(system, *from, fix, now_s) {
             Sender::Known => {}
             Sender::Moved => {
                 let from = from.map_or_else(String::new, |from| format!(" at {from}"));
@@ -218,6 +224,7 @@ impl Link {
                 self.notice(index, format!("a second address{from}, sends as system {system}: it is not believed"));
                 return None;
             }
+            Sender::Unproven => return None,
             Sender::Unknown => {
                 if self.routes.iter().any(|route| route.connection == index && route.system.is_some()) {
                     self.notice_stranger(index, from.as_ref(), header);
@@ -226,8 +233,8 @@ impl Link {
             }
         }
         let vehicles = &mut self.connections[index].vehicles;
-        if let Some(Telemetry::Position(fix)) = &telemetry {
-            vehicles.locate(system, fix);
+        if let Some(fix) = fix {
+            vehicles.locate(system, fix, now_s);
         }
         if let MavMessage::HEARTBEAT(heartbeat) = message
             && !vehicles.is_of_type(system, heartbeat)
@@ -277,8 +284,9 @@ impl Link {
     }
 
     /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before has
-    /// heard them, or at the address of the connection.
-    pub fn send_heartbeats(&self) {
+    /// heard them, or at the address of the connection. Where all are `left` to their dead-man switches, by the numbers of
+    /// their UAVs from 0, none is sent.
+    pub fn send_heartbeats(&self, left: impl Fn(usize) -> bool) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: MavType::MAV_TYPE_GCS,
@@ -288,13 +296,13 @@ impl Link {
             mavlink_version: 3,
         });
         let mut told = BTreeSet::new();
-        for Route { connection, system, before, .. } in &self.routes {
+        for (uav, Route { connection, system, before, .. }) in self.routes.iter().enumerate() {
             let linked = &self.connections[*connection];
             let to = match system {
                 Some(system) => linked.vehicles.address(*system),
                 None => before.and_then(|before| before.address),
             };
-            if told.insert((*connection, to)) {
+            if !left(uav) && told.insert((*connection, to)) {
                 linked.wire.send(&linked.header(), &heartbeat, to);
             }
         }
@@ -394,6 +402,20 @@ mod tests {
             "it speaks from elsewhere after silence"
         );
         assert_eq!(address_of(&link, 0), Some(10));
+    }
+
+    #[test]
+    fn a_vehicle_that_is_left_to_its_dead_man_switch_gets_no_heartbeats() {
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_read_timeout(Some(std::time::Duration::from_millis(100))).unwrap();
+        let port = socket.local_addr().unwrap().port();
+        let mut link = link(&["?system=1"], 1);
+        let _ = link.hear(0, &sent(port, 1, AUTOPILOT, beat(QUADROTOR)), 0.0);
+        link.choose(0.0, |_| false, |_, _| None).unwrap();
+        for (is_left, is_heard) in [(false, true), (true, false), (false, true)] {
+            link.send_heartbeats(|_| is_left);
+            assert_eq!(socket.recv(&mut [0; 300]).is_ok(), is_heard);
+        }
     }
 
     #[test]

@@ -54,6 +54,9 @@ const SETTLED: Duration = Duration::from_millis(300);
 /// Time that the vehicles wait at least for the first plan, of the clock of this machine: its processes need time to start.
 const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 
+/// Least distance between the starts of two vehicles [m].
+const STARTS_APART_M: f64 = 5.0;
+
 /// The file of the ring with the vehicles that are chosen.
 const CHOSEN: &str = "vehicles.json";
 
@@ -148,15 +151,18 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let origin = scenario.area.origin();
         let origin = origin.ok_or_else(|| refuse("expected a scenario with area.origin_lat_deg and origin_lon_deg"))?;
         check_addresses(addresses, uavs).map_err(|message| refuse(&message))?;
+        check_starts(scenario)?;
         let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let chosen_file = folder.path().join(CHOSEN);
-        if ring.restarts > 0
-            && let Ok(text) = std::fs::read_to_string(&chosen_file)
-        {
-            link.name(&serde_json::from_str::<Vec<Option<ChosenVehicle>>>(&text).unwrap_or_default());
+        let [chosen_file, taken_over_file] = [CHOSEN, TAKEN_OVER].map(|name| folder.path().join(name));
+        let (mut before, mut taken_over) = (Vec::<Option<ChosenVehicle>>::new(), Vec::<usize>::new());
+        if ring.restarts > 0 {
+            let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
+            before = serde_json::from_str(&read(&chosen_file)).unwrap_or_default();
+            taken_over = serde_json::from_str(&read(&taken_over_file)).unwrap_or_default();
+            link.name(&before);
         }
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -171,6 +177,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let frame = AreaFrame::at(origin);
         let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
+        let is_armed = |(uav, vehicle): (usize, &Option<ChosenVehicle>)| vehicle.filter(|it| it.was_armed).map(|_| uav);
+        before.iter().enumerate().filter_map(is_armed).for_each(|uav| bridge.note_armed_before(uav));
+        taken_over.iter().for_each(|number| bridge.leave(number - 1));
         Ok(Self {
             bridge,
             most_links: uavs * nodes.payload().len(),
@@ -188,8 +197,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
             stale_until: None,
             chosen: Vec::new(),
             chosen_file,
-            taken_over: Vec::new(),
-            taken_over_file: folder.path().join(TAKEN_OVER),
+            taken_over,
+            taken_over_file,
         })
     }
 
@@ -302,17 +311,18 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Saves which vehicles were taken over, for the launcher: such a run is not to be resumed.
     fn save_taken_over(&mut self) {
-        let taken_over = self.bridge.taken_over();
-        if taken_over.iter().any(|number| !self.taken_over.contains(number)) {
-            let text = serde_json::to_string(&taken_over).expect("numbers are JSON");
+        let known = self.taken_over.len();
+        let new = self.bridge.taken_over().into_iter().filter(|number| !self.taken_over.contains(number));
+        self.taken_over.extend(new.collect::<Vec<_>>());
+        if self.taken_over.len() > known {
+            let text = serde_json::to_string(&self.taken_over).expect("numbers are JSON");
             write_whole(&self.taken_over_file, &text); // without it, the launcher offers to resume the run
-            self.taken_over = taken_over;
         }
     }
 
     /// Saves which vehicles are chosen, for the bridge after this one.
     fn save_chosen(&mut self) {
-        let chosen = self.link.chosen();
+        let chosen = self.link.chosen(|uav| self.bridge.control(uav).was_armed());
         if chosen != self.chosen {
             let text = serde_json::to_string(&chosen).expect("numbers and addresses are JSON");
             write_whole(&self.chosen_file, &text); // without it, the next bridge listens again
@@ -354,7 +364,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         if now_s >= self.heartbeat_s {
             self.heartbeat_s = now_s + HEARTBEAT_S;
-            self.link.send_heartbeats();
+            self.link.send_heartbeats(|uav| self.bridge.control(uav).is_to_come_home(now_s));
         }
         let link = &self.link;
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
@@ -428,7 +438,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// Says which vehicles were waited for until now, where, and for what.
     fn say_awaited(&self) {
         let seconds = self.begin.elapsed().as_secs_f64();
-        for uav in 0..self.link.chosen().len() {
+        for uav in 0..self.bridge.uavs() {
             let number = uav + 1;
             if let Some(address) = self.link.awaited_at(uav) {
                 Role::FlightSim
@@ -437,6 +447,20 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 Role::FlightSim.log(format_args!("vehicle {number}: waited {seconds:.0} s for it {missing}"));
             }
         }
+    }
+}
+
+/// Checks that the vehicles of a fleet climb, and hover, apart.
+fn check_starts(scenario: &Scenario) -> Result<(), InputError> {
+    let starts: Vec<_> = scenario.starts().collect();
+    let apart_m = scenario.uav.separation_m.unwrap_or(0.0).max(STARTS_APART_M);
+    let is_near = |uav: usize| starts[..uav].iter().any(|other| (starts[uav] - other).norm() < apart_m);
+    match (1..starts.len()).find(|&uav| is_near(uav)) {
+        Some(uav) => {
+            let expected = format!("starts at least {apart_m} m apart, for vehicles");
+            Err(scenario.refusal("uav.starts_m", &vec![starts[uav].x, starts[uav].y].into(), &expected))
+        }
+        None => Ok(()),
     }
 }
 

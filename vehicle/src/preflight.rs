@@ -53,6 +53,15 @@ pub struct Assignment {
     pub beginning: Beginning,
     /// The system of the bridge.
     pub own_system: u8,
+    /// Whether a bridge before has armed it: it is not armed again.
+    pub was_armed: bool,
+}
+
+impl Assignment {
+    /// Whether it is so near its start that it may take off [m].
+    fn is_near(&self, position: Option<Point3<f64>>) -> bool {
+        position.is_some_and(|position| (position.xy() - self.start.xy()).norm() <= TAKE_OFF_RADIUS_M)
+    }
 }
 
 /// A vehicle that must not take off. Its `Display` is one line.
@@ -72,6 +81,8 @@ pub enum Clearance {
         /// Its mode.
         mode: u32,
     },
+    /// It is in the air, where an earlier bridge has left it, and must return, because of this.
+    Return(String),
     /// Others fly it, in words after "is taken over:".
     GiveUp(String),
 }
@@ -141,8 +152,8 @@ impl Preflight {
             return self.judge_armed(vehicle, mode, position, assignment, now_s, orders);
         }
         takeover.note_disarmed();
-        if assignment.beginning == (Beginning::Restarted { in_mission: true }) {
-            return Ok(Clearance::GiveUp("it is on the ground in the middle of the mission".to_owned()));
+        if assignment.was_armed {
+            return Ok(Clearance::GiveUp("it is on the ground, after it was armed".to_owned()));
         }
         if let Some(why) = takeover.check(vehicle) {
             return Ok(Clearance::GiveUp(why));
@@ -181,6 +192,7 @@ impl Preflight {
                 match self.check(vehicle, position, assignment, now_s, orders) {
                     Ok(missing) => Ok(missing.map_or(Clearance::FlyOn { mode }, Clearance::Wait)),
                     Err(refusal) if assignment.beginning == Beginning::Resumed => Err(refusal),
+                    Err(PreflightRefusal(why)) if assignment.is_near(position) => Ok(Clearance::Return(why)),
                     Err(PreflightRefusal(why)) => Ok(Clearance::GiveUp(why)),
                 }
             }
@@ -202,8 +214,8 @@ impl Preflight {
     ) -> Result<Option<&'static str>, PreflightRefusal> {
         let Some(autopilot) = vehicle.autopilot else { return Ok(Some("to send heartbeats")) };
         let Some(position) = position else { return Ok(Some("to know its position")) };
-        let away_m = (position.xy() - assignment.start.xy()).norm();
-        if away_m > TAKE_OFF_RADIUS_M {
+        if !assignment.is_near(Some(position)) {
+            let away_m = (position.xy() - assignment.start.xy()).norm();
             return refuse(format!("it is {away_m:.0} m from its start: expected at most {TAKE_OFF_RADIUS_M} m"));
         }
         let needed = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery - BATTERY_SLACK };

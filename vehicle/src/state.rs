@@ -247,6 +247,11 @@ impl VehicleState {
         self.heard_s.map(|heard_s| now_s - heard_s).filter(|silence_s| *silence_s >= LOST_S)
     }
 
+    /// How long nothing was heard of it [s], since time 0 if nothing ever was.
+    pub fn unheard_s(&self, now_s: f64) -> f64 {
+        now_s - self.heard_s.unwrap_or(0.0)
+    }
+
     /// Whether nothing was heard of it for so long that what comes now may have waited in the link.
     pub fn was_silent(&self, now_s: f64) -> bool {
         self.heard_s.is_some_and(|heard_s| now_s - heard_s >= FROZEN_S)

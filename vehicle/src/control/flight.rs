@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use skysink_flight_sim::outside::REACHED_M;
 
-use super::{CLIMB_S, CLIMBED_M, DISARMED_S, HOVER_MPS, Phase, RETRY_S, VehicleControl};
+use super::{CLIMB_S, CLIMBED_M, DISARMED_S, HOVER_MPS, Phase, RETRY_S, TO_START_S, VehicleControl};
 use crate::autopilot::ModeMeaning;
 use crate::preflight::{Beginning, PreflightRefusal, TAKE_OFF_RADIUS_M};
 use crate::telemetry::{GlobalTarget, Order};
@@ -131,7 +131,12 @@ impl VehicleControl {
         if self.end_if_taken_over() || self.end_if_disarmed(now_s) {
             return;
         }
-        if !self.return_if_low(now_s) && !self.has_begun && self.hovers_at(self.assignment.start, now_s) {
+        if self.return_if_low(now_s) || self.has_begun {
+            return;
+        }
+        if now_s - *self.to_start_s.get_or_insert(now_s) > TO_START_S {
+            self.return_home(&format!("it does not reach its start within {TO_START_S} s"), now_s);
+        } else if self.hovers_at(self.assignment.start, now_s) {
             self.has_begun = true;
             self.said.say("hovers at its start".to_owned());
             self.takeover.begin(self.vehicle.mode().unwrap_or_default());

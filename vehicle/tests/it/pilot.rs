@@ -349,20 +349,89 @@ fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
     }
 }
 
+/// A restarted bridge over the vehicle of `before`.
+fn restarted(before: &ClosedLoop, beginning: Beginning) -> ClosedLoop {
+    let reports = before.reports.clone();
+    let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
+    (flight.copter, flight.start_m) = (before.copter.clone(), before.start_m);
+    flight
+}
+
+#[test]
+fn what_a_bridge_before_has_armed_is_not_armed_again() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.copter.change_to(CopterMode::Land);
+    before.until(120.0, |before| !before.copter.is_armed);
+    let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
+    flight.bridge.note_armed_before(0);
+    flight.advance(60.0);
+    assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
+    let why = flight.bridge.check_flyable().unwrap_err().why.to_string();
+    assert!(why.contains("it is on the ground, after it was armed"), "{why}");
+}
+
+#[test]
+fn a_vehicle_that_was_sent_home_or_taken_over_before_a_run_was_stopped_is_not_flown_again() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.copter.change_to(CopterMode::Loiter);
+    before.advance(2.5);
+    assert_eq!(before.fly_slot(1, Some(plan(50.0, 62.0))).flown_mode(), Mode::Return);
+    before.copter.change_to(CopterMode::Land);
+    before.until(120.0, |before| !before.copter.is_armed);
+    let mut flight = restarted(&before, Beginning::Resumed);
+    flight.advance(60.0);
+    assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
+    assert!(flight.bridge.check_flyable().is_ok() && flight.bridge.has_begun() && flight.bridge.has_landed());
+}
+
+#[test]
+fn a_restarted_bridge_sends_home_what_must_not_fly_on_and_lets_a_climb_end() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.says_battery = Some(Telemetry::Battery(Some(0.05)));
+    flight.until(150.0, |flight| flight.bridge.has_landed());
+    assert_eq!((flight.copter.is_armed, count(&flight, "is taken over")), (false, 0), "{:?}", flight.said);
+
+    let mut before = flight_over(AutopilotKind::ArduPilot);
+    before.until(60.0, |before| before.copter.body.position_m.z > 3.0);
+    let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
+    flight.until(60.0, |flight| flight.orders.iter().any(|(_, order)| matches!(order, Order::Reposition { .. })));
+    assert!(flight.copter.body.position_m.z > 18.0, "{:?}", flight.copter);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+}
+
+#[test]
+fn a_vehicle_that_is_not_heard_in_flight_is_left_to_its_dead_man_switch() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    let is_left = |flight: &ClosedLoop| flight.bridge.control(0).is_to_come_home(flight.now_s);
+    flight.frozen = Some(Vec::new());
+    flight.advance(8.0);
+    assert!(!is_left(&flight));
+    flight.advance(4.0);
+    assert!(is_left(&flight), "and gets no heartbeats");
+    flight.frozen = None;
+    flight.advance(1.0);
+    assert!(!is_left(&flight));
+}
+
 #[test]
 fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
     let both = scenario("uav.count = 2\nuav.coordination = 'partition'\n");
     let mut flight = hovering(AutopilotKind::ArduPilot);
     let frame = AreaFrame::at(HOME);
-    let bridge_after = |beginning| {
-        Bridge::new(&both, &[SensorNode::default()], frame, &start(&both), beginning, &[255, 255])
-    };
+    let bridge_after =
+        |beginning| Bridge::new(&both, &[SensorNode::default()], frame, &start(&both), beginning, &[255, 255]);
     // Before its mission it ends the run.
     let mut new = hovering(AutopilotKind::ArduPilot);
     new.bridge = bridge_after(Beginning::Resumed);
     new.until(240.0, |new| new.refusal.is_some());
     let refusal = new.refusal.unwrap();
-    assert_eq!((refusal.number, &*refusal.why.to_string()), (2, "it is not ready 150 s after another: no slot is flown"));
+    assert_eq!(
+        (refusal.number, &*refusal.why.to_string()),
+        (2, "it is not ready 150 s after another: no slot is flown")
+    );
     // In the middle it goes on without the other.
     flight.bridge = bridge_after(RESTARTED);
     flight.advance(120.0);
@@ -414,28 +483,28 @@ fn a_vehicle_in_the_air_is_adopted_after_the_checks_of_a_take_off() {
     let adopted = |beginning: Beginning, battery: f64, dead_man: f32, away_m: f64| {
         let mut before = hovering(AutopilotKind::ArduPilot);
         before.fly_slot(1, Some(plan(50.0, 62.0)));
-        let reports = before.reports.clone();
-        let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
-        (flight.copter, flight.start_m) = (before.copter, before.start_m);
+        let mut flight = restarted(&before, beginning);
         flight.jump_m = away_m;
         flight.copter.battery = battery;
         flight.dead_man = Some(dead_man);
         flight.advance(8.0);
         let is_refused = flight.refusal.is_some();
         let is_adopted = count(&flight, "is in the air: flying on") == 1;
-        assert!(is_adopted || flight.orders.is_empty(), "{:?}", flight.orders);
-        (is_adopted, is_refused, count(&flight, "is taken over") == 1)
+        let returns = flight.orders.iter().all(|(_, order)| *order == Order::Return);
+        assert!(is_adopted || returns, "{:?}", flight.orders);
+        let ends = ["is taken over", "returns: "].map(|words| count(&flight, words) == 1);
+        (is_adopted, is_refused, ends)
     };
     for (battery, dead_man, away_m) in [(0.04, 1.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 30_000.0)] {
-        assert_eq!(adopted(Beginning::Resumed, battery, dead_man, away_m), (false, true, false), "{battery} {away_m}");
-        assert_eq!(
-            adopted(RESTARTED, battery, dead_man, away_m),
-            (false, false, true),
-            "{battery} {dead_man} {away_m}"
-        );
+        let refused = adopted(Beginning::Resumed, battery, dead_man, away_m);
+        assert_eq!(refused, (false, true, [false; 2]), "{battery} {dead_man} {away_m}");
+        // After a restart it is sent home, unless it is so far away that it may be another.
+        let is_far = away_m > 0.0;
+        let ended = adopted(RESTARTED, battery, dead_man, away_m);
+        assert_eq!(ended, (false, false, [is_far, !is_far]), "{battery} {dead_man} {away_m}");
     }
     for beginning in [Beginning::Resumed, RESTARTED] {
-        assert_eq!(adopted(beginning, 0.5, 1.0, 0.0), (true, false, false), "half empty, as after half a mission");
+        assert_eq!(adopted(beginning, 0.5, 1.0, 0.0), (true, false, [false; 2]), "half empty, as after half a mission");
     }
 }
 
@@ -675,9 +744,7 @@ fn a_takeover_outlives_the_bridge() {
     before.copter.change_to(CopterMode::Loiter);
     before.advance(2.5);
     assert_eq!(before.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Return);
-    let reports = before.reports.clone();
-    let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, RESTARTED);
-    (flight.copter, flight.start_m) = (before.copter, before.start_m);
+    let mut flight = restarted(&before, RESTARTED);
     flight.copter.mode = CopterMode::Guided; // handed to another ground station
     assert_left_alone(&mut flight, "restarted");
 }
@@ -705,9 +772,7 @@ fn a_run_that_ends_while_a_restarted_bridge_checks_sends_the_vehicle_home() {
     let mut before = hovering(AutopilotKind::ArduPilot);
     before.fly_slot(1, Some(plan(50.0, 62.0)));
     for heard_s in [0.0, 3.0] {
-        let reports = before.reports.clone();
-        let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, RESTARTED);
-        (flight.copter, flight.start_m) = (before.copter.clone(), before.start_m);
+        let mut flight = restarted(&before, RESTARTED);
         flight.dead_man = None; // the bridge waits for it
         flight.advance(heard_s);
         let now_s = flight.now_s;
