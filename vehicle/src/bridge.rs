@@ -203,6 +203,19 @@ impl Bridge {
         self.members[uav].control.leave();
     }
 
+    /// Flies without the vehicle of this number from 0, because of `why`.
+    ///
+    /// # Errors
+    /// If no other one is in flight.
+    pub fn refuse(&mut self, uav: usize, why: String) -> Result<(), VehicleRefusal> {
+        let mut others = self.members.iter().enumerate().filter(|(other, _)| *other != uav);
+        if !others.any(|(_, other)| other.control.is_committed()) {
+            return Err(VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) });
+        }
+        self.members[uav].control.refuse(&why);
+        Ok(())
+    }
+
     /// Never arms the vehicle of this number from 0, which a bridge before has armed.
     pub fn note_armed_before(&mut self, uav: usize) {
         self.members[uav].control.note_armed_before();

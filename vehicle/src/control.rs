@@ -166,6 +166,17 @@ impl VehicleControl {
         }
     }
 
+    /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
+    /// orders.
+    pub fn refuse(&mut self, why: &str) {
+        if self.assignment.beginning == Beginning::New || self.takeover.has_been_disarmed() {
+            self.said.say(format!("is not armed: {why}"));
+            self.land(why);
+        } else {
+            self.give_up(why);
+        }
+    }
+
     /// Never arms it: a bridge before has.
     pub fn note_armed_before(&mut self) {
         self.assignment.was_armed = true;

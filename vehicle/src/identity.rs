@@ -14,6 +14,9 @@ const LISTEN_S: f64 = 4.0;
 /// How long a vehicle keeps its address against a second sender of its system [s].
 const KEEPS_ADDRESS_S: f64 = 2.0;
 
+/// How long a restarted bridge waits for a vehicle where it was [s].
+const EXPECTED_S: f64 = 10.0;
+
 /// How far the clock of a vehicle may be from where it should be [s], and more for each second of silence.
 const CLOCK_S: f64 = 1.0;
 const CLOCK_DRIFT: f64 = 0.02;
@@ -44,6 +47,8 @@ pub struct Vehicles {
     heard: BTreeMap<u8, Heard>,
     /// When the first was heard [s].
     first_s: Option<f64>,
+    /// Where the bridge before has heard systems.
+    expected: BTreeMap<u8, SocketAddr>,
 }
 
 /// A vehicle on a connection.
@@ -80,6 +85,11 @@ pub enum Sender {
 }
 
 impl Vehicles {
+    /// Waits for `system` at `address` first, where the bridge before has heard it.
+    pub fn expect(&mut self, system: u8, address: SocketAddr) {
+        self.expected.insert(system, address);
+    }
+
     /// Takes in a heartbeat of an autopilot. Returns whether its system is new.
     pub fn hear_heartbeat(
         &mut self,
@@ -88,6 +98,10 @@ impl Vehicles {
         address: Option<SocketAddr>,
         now_s: f64,
     ) -> bool {
+        let is_elsewhere = self.expected.get(&system).is_some_and(|expected| address != Some(*expected));
+        if is_elsewhere && now_s < EXPECTED_S && !self.heard.contains_key(&system) {
+            return false;
+        }
         self.first_s.get_or_insert(now_s);
         let is_new = !self.heard.contains_key(&system);
         let HEARTBEAT_DATA { mavtype: kind, autopilot, .. } = *heartbeat;
@@ -326,6 +340,17 @@ mod tests {
         assert_eq!(one.hear(1, address(9), None, 60.0), Sender::Second, "it was beside the vehicle");
         assert_eq!(one.hear(1, address(8), None, 61.0), Sender::Moved);
         assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(8), false));
+    }
+
+    #[test]
+    fn a_vehicle_is_waited_for_where_it_was_before() {
+        let mut one = Vehicles::default();
+        one.expect(1, address(5).unwrap());
+        let heartbeat = HEARTBEAT_DATA { mavtype: MAV_TYPE_QUADROTOR, ..HEARTBEAT_DATA::default() };
+        assert!(!one.hear_heartbeat(1, &heartbeat, address(9), 1.0));
+        assert_eq!(one.hear(1, address(9), None, 1.0), Sender::Unknown);
+        assert!(one.clone().hear_heartbeat(1, &heartbeat, address(5), 2.0));
+        assert!(one.hear_heartbeat(1, &heartbeat, address(9), EXPECTED_S), "it is not there any more");
     }
 
     #[test]

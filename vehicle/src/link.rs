@@ -154,6 +154,9 @@ impl Link {
         for (route, vehicle) in self.routes.iter_mut().zip(chosen) {
             route.named = route.named.or(vehicle.map(|vehicle| vehicle.system));
             route.before = *vehicle;
+            if let Some(ChosenVehicle { system, address: Some(address), .. }) = vehicle {
+                self.connections[route.connection].vehicles.expect(*system, *address);
+            }
         }
     }
 

@@ -23,7 +23,7 @@ use crate::bridge::{Bridge, VehicleRefusal, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::{ChosenVehicle, Link};
-use crate::preflight::{Beginning, PreflightRefusal};
+use crate::preflight::Beginning;
 use crate::wire::{WireAddress, check_addresses};
 
 /// Longest time between two polls of the links.
@@ -302,9 +302,11 @@ impl<S: Service + 'static> BridgeProcess<S> {
     fn poll(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         let bridge = &self.bridge;
-        self.link
-            .choose(now_s, |uav| bridge.control(uav).is_committed(), |uav, fix| bridge.control(uav).away_m(fix))
-            .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
+        let is_committed = |uav| bridge.control(uav).is_committed();
+        let chosen = self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix));
+        if let Err((uav, why)) = chosen {
+            self.bridge.refuse(uav, why).map_err(|refused| refusal(&refused))?;
+        }
         self.save_chosen();
         self.exchange()
     }

@@ -8,6 +8,7 @@ use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
 use skysink_vehicle::bridge::{Bridge, start};
+use skysink_vehicle::control::Phase;
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::telemetry::{Order, Telemetry};
@@ -432,6 +433,8 @@ fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
         (refusal.number, &*refusal.why.to_string()),
         (2, "it is not ready 150 s after another: no slot is flown")
     );
+    // So does one that must not be flown, unless another is in flight.
+    assert_eq!(bridge_after(Beginning::New).refuse(1, "two of them".to_owned()).unwrap_err().number, 2);
     // In the middle it goes on without the other.
     flight.bridge = bridge_after(RESTARTED);
     flight.advance(120.0);
@@ -442,6 +445,8 @@ fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
     flight.bridge.return_home("the mission is over", flight.now_s);
     flight.until(120.0, |flight| !flight.bridge.is_heard());
     assert!(!flight.copter.is_armed && !flight.bridge.has_landed() && !flight.bridge.is_homebound());
+    flight.bridge.refuse(1, "two of them".to_owned()).unwrap();
+    assert_eq!(flight.bridge.control(1).phase(), Phase::TakenOver, "it may be in the air");
 }
 
 #[test]
