@@ -388,8 +388,9 @@ def wrong_link():
         known = missions.at({key: true})
         rows.append([link, *(known.loss(strategy) for strategy in strategies)])
         for label, value in wrong:
-            parts = [(part.where(strategy=name) for part in [known, missions.at({key: value})]) for name in strategies]
-            rows.append([label, *(change(*part) for part in parts)])
+            mistaken = missions.at({key: value})
+            changes = (change(known.where(strategy=name), mistaken.where(strategy=name)) for name in strategies)
+            rows.append([label, *changes])
     return table("wrong-link", ["the link, and what plans take it for", *strategies], rows, f"seeds 1 to {snr.fields()}")
 
 
