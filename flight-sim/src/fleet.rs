@@ -112,15 +112,16 @@ impl Fleet {
 
     /// Why vehicles that are where they were last observed must not follow `plans`, in the order of their numbers;
     /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first. Those of
-    /// whose number `follows` is false stay where they are, whatever is planned.
+    /// whose number `follows` is false may stay where they are, whatever is planned.
     pub fn refusals(&self, plans: &[Plan], follows: impl Fn(usize) -> bool) -> ByUav<HoldReason> {
         let mut refusals: ByUav<HoldReason> = ByUav::new();
         for (number, (uav, plan)) in self.uavs.iter().zip(plans).enumerate() {
             let is_too_near = |other: usize| {
-                let is_told = follows(other) && refusals.get(other) == Some(&HoldReason::None);
+                let is_told = refusals.get(other) == Some(&HoldReason::None);
                 let flies = is_told && plans[other].mode != Mode::Charge as u32;
-                let end = if flies { plans[other].waypoint() } else { self.uavs[other].vehicle.position };
-                uav.is_too_near(plan, &end.xy(), self.separation_m)
+                let is_near = |end: Point3<f64>| uav.is_too_near(plan, &end.xy(), self.separation_m);
+                let stays = !flies || !follows(other);
+                flies && is_near(plans[other].waypoint()) || stays && is_near(self.uavs[other].vehicle.position)
             };
             let flies = self.separation_m > 0.0 && plan.mode != Mode::Charge as u32;
             let mut fixed = (0..plans.len()).filter(|&other| other < number || other > number && !follows(other));

@@ -223,11 +223,8 @@ impl Bridge {
 
     /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
     pub fn has_begun(&self) -> bool {
-        let is_over =
-            |control: &VehicleControl| matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
         let is_flown = self.is_in_mission || self.members.iter().any(|member| member.control.has_begun());
-        let is_ready = |control: &VehicleControl| control.has_begun() || is_over(control) || self.goes_on;
-        is_flown && self.members.iter().all(|member| is_ready(&member.control))
+        is_flown && (self.goes_on || !self.members.iter().any(Member::is_awaited))
     }
 
     /// Number of vehicles.
@@ -287,7 +284,7 @@ impl Bridge {
         if !self.has_begun() && self.members.iter().any(hovers) {
             let waiting_s = *self.waiting_s.get_or_insert(now_s);
             if now_s - waiting_s > COMPANY_S {
-                let mut awaited = (1..).zip(&mut self.members).filter(|(_, member)| !hovers(member));
+                let mut awaited = (1..).zip(&mut self.members).filter(|(_, member)| member.is_awaited());
                 if self.is_in_mission {
                     awaited.for_each(|(_, member)| member.control.leave_behind());
                     self.goes_on = true;
@@ -396,6 +393,12 @@ impl Bridge {
 }
 
 impl Member {
+    /// Whether it has not hovered at its start, but may yet.
+    fn is_awaited(&self) -> bool {
+        let is_over = matches!(self.control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
+        !is_over && !self.control.has_begun()
+    }
+
     /// Whether it flies to the waypoint of its plan.
     fn flies_plan(&self) -> bool {
         let is_accepted = self.refusal == HoldReason::None && !self.control.has_refused();
