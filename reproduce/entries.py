@@ -158,7 +158,7 @@ def fields_of(cheap, ahead, columns):
     return f"seeds 1 to {cheap.fields()}; 1 to {ahead.fields()} for {columns}"
 
 
-@entry("area", 55)
+@entry("area", 25)
 def area():
     """The loss against the area, for both radios."""
     cheap, sparse = sweep("loss-area"), sweep("loss-sparse")
@@ -196,7 +196,7 @@ def bits():
     return table("bits", head, rows, fields_of(many, few, "2 kHz"))
 
 
-@entry("rate", 24)
+@entry("rate", 23)
 def rate():
     """The loss against the sampling rate."""
     cheap, ahead = sweep("loss-rate"), sweep("loss-rate-ahead")
@@ -224,7 +224,7 @@ def running_time():
     return table("time", ["W, mission", *strategies], rows, f"seeds 1 to {missions.fields()}")
 
 
-@entry("acceleration", 8)
+@entry("acceleration", 5)
 def acceleration():
     """The loss against the area, with a UAV that accelerates and noise by its density."""
     missions = sweep("acceleration")
@@ -263,7 +263,7 @@ def look_ahead():
 # Beyond the paper
 
 
-@entry("altitude-gain", 15)
+@entry("altitude-gain", 7)
 def altitude_gain():
     """The loss in three dimensions, at fixed and free altitudes."""
     missions, ahead = sweep("altitude-free"), sweep("altitude-ahead")
@@ -282,7 +282,7 @@ def altitude_gain():
     return table("altitude-gain", head, rows, fields_of(missions, ahead, "the last two columns"))
 
 
-@entry("return-cost", 45)
+@entry("return-cost", 28)
 def return_cost():
     """The loss of UAVs that return to a base, by battery and charger."""
     missions, ahead = sweep("return"), sweep("return-ahead")
@@ -332,7 +332,7 @@ def weighted_fields(count):
     return (Missions([row for row in missions.rows if row["sensors.file"] in kind]) for kind in names.values())
 
 
-@entry("models", 26)
+@entry("models", 14)
 def models():
     """The loss under models that are off by default."""
     strategies = ["gfs", "uts", "exact", "edf", "tour", "horizon"]
@@ -364,7 +364,7 @@ def models():
     return table("models", ["model", "n", *strategies], rows, "seeds 1 to n")
 
 
-@entry("wrong-link", 30)
+@entry("wrong-link", 16)
 def wrong_link():
     """What plans lose by a wrong law of the link: the loss with the true one, and paired changes."""
     sight, snr, fading = sweep("wrong-los"), sweep("wrong-snr"), sweep("wrong-k")
@@ -421,7 +421,7 @@ def fleet_load():
     return table("fleet-load", head, rows, f"seeds 1 to {missions.fields()}")
 
 
-@entry("ages", 6)
+@entry("ages", 4)
 def ages():
     """The mean age and the loss by what is minimised."""
     missions = sweep("ages")
@@ -446,7 +446,7 @@ def ages():
     return table("ages", head, rows, seeds)
 
 
-@entry("ablation", 25)
+@entry("ablation", 11)
 def ablation():
     """What parts and search steps of `horizon` change."""
     parts, steps = sweep("ablation"), sweep("ablation-steps")
@@ -511,7 +511,7 @@ def rounds():
     return table("rounds", head, rows, note) + "\n\n" + "  \n".join(summary)
 
 
-@entry("library", 60)
+@entry("library", 16)
 def standings():
     """The mean gap of strategies to the best known flights of the library, by version; writes library/standings.csv."""
     folder = OUT / "library"
