@@ -20,6 +20,7 @@ pub struct Sampler {
 
 impl Sampler {
     /// Slots in which its empty buffer fills, `B / (s_i τ)`; infinite or NaN for one that does not sample.
+    #[inline]
     pub fn fill_slots(&self) -> f64 {
         f64::from(self.capacity_bits) / self.mean_bits
     }
@@ -31,8 +32,10 @@ impl Sampler {
     }
 
     /// Most bits that it stores between two services [bit]: its buffer, or what it samples before they expire.
+    #[inline]
     pub fn stored_bits(&self) -> u32 {
-        let expires = self.mean_bits > 0.0 && self.lasting_slots < self.fill_slots();
+        let may_expire = self.lasting_slots < f64::INFINITY; // without a division for most fields
+        let expires = may_expire && self.mean_bits > 0.0 && self.lasting_slots < self.fill_slots();
         if expires { (self.mean_bits * self.lasting_slots).ceil() as u32 } else { self.capacity_bits }
     }
 }
