@@ -1,0 +1,81 @@
+//! What the bridge asks of a vehicle: where it is, whether it is heard, and how far its mission is.
+
+use nalgebra::Point3;
+
+use super::{Phase, VehicleControl};
+use crate::autopilot::ModeMeaning;
+use crate::preflight::Beginning;
+use crate::telemetry::{Fix, Order};
+
+/// Time without a message after which a vehicle gets no heartbeats until it is heard [s].
+const ABANDONED_S: f64 = 10.0;
+
+impl VehicleControl {
+    /// Whether others have taken it over while this bridge flew it.
+    pub fn is_taken_over(&self) -> bool {
+        self.phase == Phase::TakenOver && !self.is_left
+    }
+
+    /// Whether it was heard at all, and not too long ago.
+    pub fn is_heard(&self) -> bool {
+        !self.is_lost && self.vehicle.autopilot.is_some()
+    }
+
+    /// Whether it may be in the air and has not been heard for so long that its dead-man switch has to bring it home.
+    pub fn is_to_come_home(&self, now_s: f64) -> bool {
+        let may_fly = self.is_committed() || matches!(self.assignment.beginning, Beginning::Restarted { .. });
+        let is_ours = !matches!(self.phase, Phase::TakenOver | Phase::Landed);
+        may_fly && is_ours && self.vehicle.unheard_s(now_s) >= ABANDONED_S
+    }
+
+    /// The phase of its mission.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Whether its mission has begun: it has hovered at its start.
+    pub fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    /// What it is waited for before take-off, in words after "waiting for it"; `None` if nothing is.
+    pub fn missing(&self) -> Option<&'static str> {
+        self.preflight.missing.filter(|_| self.phase == Phase::Preflight)
+    }
+
+    /// Why its mission is over, if it has never begun.
+    pub fn unbegun_end(&self) -> Option<&str> {
+        (!self.has_begun && self.phase == Phase::Landed).then_some(&*self.end)
+    }
+
+    /// Whether the bridge has ordered it to be armed, or has taken it over in the air.
+    pub fn is_committed(&self) -> bool {
+        self.takeover.has_armed() || !matches!(self.phase, Phase::Preflight | Phase::Arming)
+    }
+
+    /// Whether it has refused to fly to its target.
+    pub fn has_refused(&self) -> bool {
+        self.has_refused
+    }
+
+    /// Where it is [m]; `None` if that was never known.
+    pub fn position(&self) -> Option<Point3<f64>> {
+        self.frame.position(self.vehicle.fix()?)
+    }
+
+    /// Whether its position is current, and believed.
+    pub fn has_current_position(&self, now_s: f64) -> bool {
+        self.vehicle.has_current_fix(now_s) && !self.jumps.is_doubtful(now_s)
+    }
+
+    /// How far from its start a vehicle is [m].
+    pub fn away_m(&self, fix: &Fix) -> Option<f64> {
+        Some((self.frame.position(fix)?.xy() - self.assignment.start.xy()).norm())
+    }
+
+    /// Whether it flies home, as far as it says so, is flown by others, or has landed.
+    pub fn is_homebound(&self) -> bool {
+        let is_confirmed = !self.outbox.has(&Order::Return) || self.vehicle.meaning() == ModeMeaning::Returns;
+        matches!(self.phase, Phase::Landed | Phase::TakenOver) || self.phase == Phase::Returning && is_confirmed
+    }
+}
