@@ -3,3 +3,4 @@
 mod flight;
 mod missions;
 mod pilot;
+mod restarts;

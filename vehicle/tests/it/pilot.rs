@@ -3,40 +3,36 @@
 use rand::seq::IndexedRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use skysink_common::message::{Mode, SensorNode};
+use skysink_common::message::Mode;
 use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
-use skysink_vehicle::bridge::{Bridge, start};
-use skysink_vehicle::control::Phase;
-use skysink_vehicle::frame::AreaFrame;
-use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::telemetry::{Order, Telemetry};
 
-use crate::flight::{ClosedLoop, HOME, RESTARTED, plan, scenario};
+use crate::flight::{ClosedLoop, plan};
 
 const KINDS: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
 
 /// A vehicle of this autopilot that says its mode once a second, whatever it is asked for.
-fn flight_over(autopilot: AutopilotKind) -> ClosedLoop {
+pub fn flight_over(autopilot: AutopilotKind) -> ClosedLoop {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.is_a(autopilot);
     flight.is_deaf = true;
     flight
 }
 
-fn hovering(autopilot: AutopilotKind) -> ClosedLoop {
+pub fn hovering(autopilot: AutopilotKind) -> ClosedLoop {
     let mut flight = flight_over(autopilot);
     flight.until(90.0, |flight| flight.bridge.has_begun());
     flight
 }
 
-fn count(flight: &ClosedLoop, words: &str) -> usize {
+pub fn count(flight: &ClosedLoop, words: &str) -> usize {
     flight.said.iter().filter(|line| line.contains(words)).count()
 }
 
 /// Flies on for some slots; no order comes, and the takeover is said once.
-fn assert_left_alone(flight: &mut ClosedLoop, what: &str) {
+pub fn assert_left_alone(flight: &mut ClosedLoop, what: &str) {
     let since_s = flight.now_s;
     flight.advance(2.5); // two heartbeats
     for slot in 1..=6 {
@@ -334,75 +330,6 @@ fn a_return_that_is_lost_is_ordered_again() {
 }
 
 #[test]
-fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.fly_slot(1, Some(plan(50.0, 62.0)));
-    before.reports[0].mode = Mode::Down as u32;
-    for beginning in [Beginning::Resumed, RESTARTED] {
-        let reports = before.reports.clone();
-        let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
-        flight.advance(60.0);
-        assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
-        assert_eq!(count(&flight, "was down before, and stays down"), 1);
-        // The slots go on, as without a stop, and nobody waits for it.
-        assert!(flight.bridge.check_flyable().is_ok() && flight.bridge.has_begun() && flight.bridge.has_landed());
-        assert_eq!(flight.fly_slot(2, Some(plan(50.0, 62.0))).flown_mode(), Mode::Down);
-    }
-}
-
-/// A restarted bridge over the vehicle of `before`.
-fn restarted(before: &ClosedLoop, beginning: Beginning) -> ClosedLoop {
-    let reports = before.reports.clone();
-    let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
-    (flight.copter, flight.start_m) = (before.copter.clone(), before.start_m);
-    flight
-}
-
-#[test]
-fn what_a_bridge_before_has_armed_is_not_armed_again() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.copter.change_to(CopterMode::Land);
-    before.until(120.0, |before| !before.copter.is_armed);
-    let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
-    flight.bridge.note_armed_before(0);
-    flight.advance(60.0);
-    assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
-    let why = flight.bridge.check_flyable().unwrap_err().why.to_string();
-    assert!(why.contains("it is on the ground, after it was armed"), "{why}");
-}
-
-#[test]
-fn a_vehicle_that_was_sent_home_or_taken_over_before_a_run_was_stopped_is_not_flown_again() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.copter.change_to(CopterMode::Loiter);
-    before.advance(2.5);
-    assert_eq!(before.fly_slot(1, Some(plan(50.0, 62.0))).flown_mode(), Mode::Return);
-    before.copter.change_to(CopterMode::Land);
-    before.until(120.0, |before| !before.copter.is_armed);
-    let mut flight = restarted(&before, Beginning::Resumed);
-    flight.advance(60.0);
-    assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
-    assert!(flight.bridge.check_flyable().is_ok() && flight.bridge.has_begun() && flight.bridge.has_landed());
-}
-
-#[test]
-fn a_restarted_bridge_sends_home_what_must_not_fly_on_and_lets_a_climb_end() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.fly_slot(1, Some(plan(50.0, 62.0)));
-    let mut flight = restarted(&before, RESTARTED);
-    flight.says_battery = Some(Telemetry::Battery(Some(0.05)));
-    flight.until(150.0, |flight| flight.bridge.has_landed());
-    assert_eq!((flight.copter.is_armed, count(&flight, "is taken over")), (false, 0), "{:?}", flight.said);
-
-    let mut before = flight_over(AutopilotKind::ArduPilot);
-    before.until(60.0, |before| before.copter.body.position_m.z > 3.0);
-    let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
-    flight.until(60.0, |flight| flight.orders.iter().any(|(_, order)| matches!(order, Order::Reposition { .. })));
-    assert!(flight.copter.body.position_m.z > 18.0, "{:?}", flight.copter);
-    flight.until(60.0, |flight| flight.bridge.has_begun());
-}
-
-#[test]
 fn a_vehicle_that_is_not_heard_in_flight_is_left_to_its_dead_man_switch() {
     let mut flight = hovering(AutopilotKind::ArduPilot);
     flight.fly_slot(1, Some(plan(50.0, 62.0)));
@@ -415,38 +342,6 @@ fn a_vehicle_that_is_not_heard_in_flight_is_left_to_its_dead_man_switch() {
     flight.frozen = None;
     flight.advance(1.0);
     assert!(!is_left(&flight));
-}
-
-#[test]
-fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
-    let both = scenario("uav.count = 2\nuav.coordination = 'partition'\n");
-    let mut flight = hovering(AutopilotKind::ArduPilot);
-    let frame = AreaFrame::at(HOME);
-    let bridge_after =
-        |beginning| Bridge::new(&both, &[SensorNode::default()], frame, &start(&both), beginning, &[255, 255]);
-    // Before its mission it ends the run.
-    let mut new = hovering(AutopilotKind::ArduPilot);
-    new.bridge = bridge_after(Beginning::Resumed);
-    new.until(240.0, |new| new.refusal.is_some());
-    let refusal = new.refusal.unwrap();
-    assert_eq!(
-        (refusal.number, &*refusal.why.to_string()),
-        (2, "it is not ready 150 s after another: no slot is flown")
-    );
-    // So does one that must not be flown, unless another is in flight.
-    assert_eq!(bridge_after(Beginning::New).refuse(1, "two of them".to_owned()).unwrap_err().number, 2);
-    // In the middle it goes on without the other.
-    flight.bridge = bridge_after(RESTARTED);
-    flight.advance(120.0);
-    assert!(!flight.bridge.has_begun() && flight.copter.mode == CopterMode::Guided, "{:?}", flight.said);
-    flight.until(60.0, |flight| flight.bridge.has_begun());
-    assert_eq!((flight.copter.mode, count(&flight, "the mission goes on without it")), (CopterMode::Guided, 1));
-    // That may still be in the air, and is waited for as long as any is heard.
-    flight.bridge.return_home("the mission is over", flight.now_s);
-    flight.until(120.0, |flight| !flight.bridge.is_heard());
-    assert!(!flight.copter.is_armed && !flight.bridge.has_landed() && !flight.bridge.is_homebound());
-    flight.bridge.refuse(1, "two of them".to_owned()).unwrap();
-    assert_eq!(flight.bridge.control(1).phase(), Phase::TakenOver, "it may be in the air");
 }
 
 #[test]
@@ -480,36 +375,6 @@ fn a_new_run_takes_no_vehicle_from_the_air_and_none_that_is_armed() {
         let refusal = flight.refusal.clone().map(|refusal| refusal.why.to_string()).unwrap_or_default();
         assert!(refusal.starts_with(expected) || !is_in_air && refusal.starts_with("it is in the air"), "{refusal}");
         assert!(flight.orders.is_empty(), "{:?}", flight.orders);
-    }
-}
-
-#[test]
-fn a_vehicle_in_the_air_is_adopted_after_the_checks_of_a_take_off() {
-    let adopted = |beginning: Beginning, battery: f64, dead_man: f32, away_m: f64| {
-        let mut before = hovering(AutopilotKind::ArduPilot);
-        before.fly_slot(1, Some(plan(50.0, 62.0)));
-        let mut flight = restarted(&before, beginning);
-        flight.jump_m = away_m;
-        flight.copter.battery = battery;
-        flight.dead_man = Some(dead_man);
-        flight.advance(8.0);
-        let is_refused = flight.refusal.is_some();
-        let is_adopted = count(&flight, "is in the air: flying on") == 1;
-        let returns = flight.orders.iter().all(|(_, order)| *order == Order::Return);
-        assert!(is_adopted || returns, "{:?}", flight.orders);
-        let ends = ["is taken over", "returns: "].map(|words| count(&flight, words) == 1);
-        (is_adopted, is_refused, ends)
-    };
-    for (battery, dead_man, away_m) in [(0.04, 1.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 30_000.0)] {
-        let refused = adopted(Beginning::Resumed, battery, dead_man, away_m);
-        assert_eq!(refused, (false, true, [false; 2]), "{battery} {dead_man} {away_m}");
-        // After a restart it is sent home, unless it is so far away that it may be another.
-        let is_far = away_m > 0.0;
-        let ended = adopted(RESTARTED, battery, dead_man, away_m);
-        assert_eq!(ended, (false, false, [is_far, !is_far]), "{battery} {dead_man} {away_m}");
-    }
-    for beginning in [Beginning::Resumed, RESTARTED] {
-        assert_eq!(adopted(beginning, 0.5, 1.0, 0.0), (true, false, [false; 2]), "half empty, as after half a mission");
     }
 }
 
@@ -729,32 +594,6 @@ fn fly_on(flight: &mut ClosedLoop, slot: &mut u64, end_s: f64) {
 }
 
 #[test]
-fn a_vehicle_that_somebody_else_arms_before_a_resumed_run_has_checked_it_is_left_alone() {
-    for beginning in [Beginning::New, Beginning::Resumed, Beginning::Restarted { in_mission: false }] {
-        let reports = ClosedLoop::new(&KinematicOptions::default(), 0.0).reports;
-        let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
-        flight.dead_man = None; // the bridge waits for it
-        flight.advance(5.0);
-        flight.copter.take_off_by_hand(15.0);
-        flight.copter.mode = CopterMode::Guided;
-        flight.dead_man = Some(1.0);
-        assert_left_alone(&mut flight, "armed before the checks were over");
-    }
-}
-
-#[test]
-fn a_takeover_outlives_the_bridge() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.fly_slot(1, Some(plan(50.0, 62.0)));
-    before.copter.change_to(CopterMode::Loiter);
-    before.advance(2.5);
-    assert_eq!(before.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Return);
-    let mut flight = restarted(&before, RESTARTED);
-    flight.copter.mode = CopterMode::Guided; // handed to another ground station
-    assert_left_alone(&mut flight, "restarted");
-}
-
-#[test]
 fn one_odd_heartbeat_while_the_vehicle_is_armed_or_climbs_ends_nothing() {
     let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 4, ..KinematicOptions::default() }, 0.0);
     let arms = |flight: &ClosedLoop| flight.orders.iter().filter(|(_, order)| *order == Order::Arm).count();
@@ -770,21 +609,6 @@ fn one_odd_heartbeat_while_the_vehicle_is_armed_or_climbs_ends_nothing() {
     flight.until(120.0, |flight| flight.bridge.has_landed());
     assert!(!flight.copter.is_armed, "{:?}", flight.said);
     assert_eq!((count(&flight, "returns: the run is stopped"), count(&flight, "is taken over")), (1, 0));
-}
-
-#[test]
-fn a_run_that_ends_while_a_restarted_bridge_checks_sends_the_vehicle_home() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.fly_slot(1, Some(plan(50.0, 62.0)));
-    for heard_s in [0.0, 3.0] {
-        let mut flight = restarted(&before, RESTARTED);
-        flight.dead_man = None; // the bridge waits for it
-        flight.advance(heard_s);
-        let now_s = flight.now_s;
-        flight.bridge.return_home("the run is stopped", now_s);
-        flight.until(120.0, |flight| flight.bridge.has_landed());
-        assert!(!flight.copter.is_armed, "{:?}", flight.said);
-    }
 }
 
 #[test]
