@@ -45,6 +45,8 @@ pub struct Cohorts {
     bits: Vec<u32>,
     /// The slot that has sampled the last bit uploaded, by id; 0 before that.
     freshest: Vec<u32>,
+    /// A slot before which no stored bit was sampled, by id.
+    oldest: Vec<u32>,
     /// Bits that have expired so far.
     expired_bits: u64,
 }
@@ -55,8 +57,9 @@ impl Cohorts {
     pub fn new(expiry: Expiry, queues_bits: &[u32]) -> Self {
         let mut bits = queues_bits.to_vec();
         let rows = usize::try_from(expiry.slots + 1).expect("an age within a mission that fits in memory");
-        bits.resize(rows * queues_bits.len(), 0);
-        Self { expiry, count: queues_bits.len(), slot: 0, bits, freshest: vec![0; queues_bits.len()], expired_bits: 0 }
+        let count = queues_bits.len();
+        bits.resize(rows * count, 0);
+        Self { expiry, count, slot: 0, bits, freshest: vec![0; count], oldest: vec![0; count], expired_bits: 0 }
     }
 
     /// Bits that have expired so far.
@@ -123,10 +126,12 @@ impl Cohorts {
     /// Removes the oldest `bits` [bit] of SN `sensor`, and returns the slot that has sampled the last of them.
     pub(crate) fn take_oldest(&mut self, sensor: usize, mut bits: u64) -> Option<u64> {
         let mut last = None;
-        for slot in self.slot.saturating_sub(self.expiry.slots)..=self.slot {
+        let first = self.slot.saturating_sub(self.expiry.slots).max(self.oldest[sensor].into());
+        for slot in first..=self.slot {
             if bits == 0 {
                 break;
             }
+            self.oldest[sensor] = u32::try_from(slot).unwrap_or(0); // 0 is before all, and only slower
             let index = self.row(slot) + sensor;
             let taken_bits = bits.min(self.bits[index].into()) as u32;
             self.bits[index] -= taken_bits;
@@ -169,7 +174,8 @@ impl Checkpoint for Cohorts {
         let [bits, freshest] = [bits, freshest].map(|bytes| bytemuck::pod_collect_to_vec::<u8, u32>(&bytes));
         let is_of_field = bits.len() == self.bits.len() && freshest.len() == self.count;
         CheckpointError::ensure(is_of_field, "the cohorts of this field")?;
-        *self = Self { slot, bits, freshest, expired_bits, ..*self };
+        let oldest = vec![0; self.count];
+        *self = Self { slot, bits, freshest, oldest, expired_bits, ..*self };
         Ok(())
     }
 }
