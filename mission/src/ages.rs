@@ -11,11 +11,12 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_field_sim::Field;
 
-/// The age of one SN after each slot: `slot − stamp` from slot `from` on, until the next refresh.
+/// The age of one SN after each slot: `slot − stamp` from slot `from` on, until the next refresh. A mission has at most
+/// 10⁹ slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AgeRun {
-    from: u64,
-    stamp: u64,
+    from: u32,
+    stamp: u32,
 }
 
 impl AgeRun {
@@ -25,13 +26,13 @@ impl AgeRun {
     /// The ages [slots] after the slots before `end`.
     #[must_use]
     pub fn ages(self, end: u64) -> Range<u64> {
-        self.from - self.stamp..end - self.stamp
+        (self.from - self.stamp).into()..end - u64::from(self.stamp)
     }
 
     /// Lets the age count from slot `stamp`, from `slot` on. Returns the ages [slots] of the slots before `slot`.
     pub fn refresh(&mut self, slot: u64, stamp: u64) -> Range<u64> {
         let ages = self.ages(slot);
-        *self = Self { from: slot, stamp };
+        *self = Self { from: slot as u32, stamp: stamp as u32 };
         ages
     }
 }

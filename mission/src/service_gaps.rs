@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use skysink_common::per_sensor::PerSensor;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings::{ObjectiveWeights, PEAK_EXPONENT};
@@ -13,7 +14,7 @@ use crate::ages::{AgeRun, sum};
 #[derive(Debug, Clone)]
 pub struct ServiceGaps {
     runs: Vec<AgeRun>,
-    weights: Vec<f64>,
+    weights: PerSensor<f64>,
     /// The age above which a slot is late [slots].
     limit: u64,
     sums: GapSums,
@@ -53,7 +54,12 @@ impl ServiceGaps {
     /// The sums before slot 1, for SNs with these weights; ages above `limit` [slots] are late.
     #[must_use]
     pub fn new(weights: Vec<f64>, limit: u64) -> Self {
-        Self { runs: vec![AgeRun::FIRST; weights.len()], weights, limit, sums: GapSums::default() }
+        Self {
+            runs: vec![AgeRun::FIRST; weights.len()],
+            weights: PerSensor::new(weights),
+            limit,
+            sums: GapSums::default(),
+        }
     }
 
     /// The sums before slot 1 of a mission.
@@ -67,21 +73,21 @@ impl ServiceGaps {
     /// Adds a service of an SN in `slot`.
     pub fn serve(&mut self, sensor: usize, slot: u64) {
         let ages = self.runs[sensor].refresh(slot, slot);
-        self.sums.add(&ages, self.weights[sensor], self.limit);
+        self.sums.add(&ages, self.weights.of(sensor), self.limit);
     }
 
     /// The sums up to the end of `slot`.
     pub fn sums(&self, slot: u64) -> GapSums {
         let mut sums = self.sums;
-        for (run, weight) in self.runs.iter().zip(&self.weights) {
-            sums.add(&run.ages(slot + 1), *weight, self.limit);
+        for (run, weight) in self.runs.iter().zip(self.weights()) {
+            sums.add(&run.ages(slot + 1), weight, self.limit);
         }
         sums
     }
 
     /// The sum of numbers by SN, by weight.
     pub fn weigh(&self, numbers: impl Iterator<Item = f64>) -> f64 {
-        self.weights.iter().zip(numbers).map(|(weight, number)| weight * number).sum()
+        self.weights().zip(numbers).map(|(weight, number)| weight * number).sum()
     }
 
     /// What they cost up to the end of `slot`, beside lost bits, in slots of `slot_s` [s] (decision D36).
@@ -94,7 +100,12 @@ impl ServiceGaps {
 
     /// The sum of the weights.
     pub fn weight(&self) -> f64 {
-        self.weights.iter().sum()
+        self.weights().sum()
+    }
+
+    /// The weights, by id.
+    fn weights(&self) -> impl Iterator<Item = f64> {
+        (0..self.runs.len()).map(|sensor| self.weights.of(sensor))
     }
 }
 
