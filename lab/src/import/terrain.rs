@@ -29,8 +29,8 @@ const MOST_CORNER_M: f64 = 1e9;
 const NO_HEIGHT: f64 = -9999.0;
 
 /// The keys of a header; either the corner or the centre of the cell in the south-west.
-const KEYS: [&str; 8] =
-    ["ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value"];
+const KEYS: [&str; 8] = ["ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", NODATA];
+const NODATA: &str = "nodata_value";
 
 /// Heights of the ground over square cells.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,12 +68,12 @@ impl HeightGrid {
         let mut lines = 0;
         for (index, line) in text.lines().enumerate() {
             let mut words = line.split_whitespace();
-            let Some(key) = words.next().filter(|word| word.starts_with(|first: char| first.is_ascii_alphabetic()))
-            else {
-                break;
-            };
+            let is_key =
+                |word: &&str| word.starts_with(|c: char| c.is_ascii_alphabetic()) && word.parse::<f64>().is_err();
+            let Some(key) = words.next().filter(is_key) else { break };
             let known = KEYS.iter().position(|name| name.eq_ignore_ascii_case(key));
-            let value = words.next().and_then(|word| word.parse().ok()).filter(|value: &f64| value.is_finite());
+            let may_be = |value: &f64| value.is_finite() || key.eq_ignore_ascii_case(NODATA); // GDAL writes `nan`
+            let value = words.next().and_then(|word| word.parse().ok()).filter(may_be);
             let (Some(known), Some(value), None) = (known, value, words.next()) else {
                 let expected = "expected ncols, nrows, xllcorner, yllcorner, cellsize or NODATA_value, and a number";
                 return Err(format!("line {}: `{}`: {expected}", index + 1, quoted(line)));
@@ -108,10 +108,11 @@ impl HeightGrid {
         let words = text.lines().enumerate().skip(lines);
         let words = words.flat_map(|(index, line)| line.split_whitespace().map(move |word| (index + 1, word)));
         let mut from_north = Vec::with_capacity(all.min(text.len() / 2 + 1));
+        let is_missing = |height_m: f64| height_m == no_height || height_m.is_nan() && no_height.is_nan();
         for (line, word) in words {
-            let height_m = word.parse().ok().filter(|height_m: &f64| height_m.abs() <= 1e6 || *height_m == no_height);
+            let height_m = word.parse().ok().filter(|height_m: &f64| height_m.abs() <= 1e6 || is_missing(*height_m));
             let height_m = height_m.ok_or_else(|| format!("line {line}: `{}`: expected a height [m]", quoted(word)))?;
-            from_north.push(if height_m == no_height { f64::NAN } else { height_m });
+            from_north.push(if is_missing(height_m) { f64::NAN } else { height_m });
         }
         if from_north.len() != all {
             let [columns, rows] = cells;

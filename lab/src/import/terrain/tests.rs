@@ -27,10 +27,13 @@ fn the_ground_under_the_area_has_its_coordinates() {
         error,
         "x = 100 to 130, y = 200 to 220 m: expected the ground under all of the area, x = 112 to 119, y = 201 to 223 m"
     );
-    let holed = HeightGrid::parse(&SMALL.replace("4 5 6", "4 -9 6")).unwrap();
-    assert!(holed.over([7.0, 8.0], [-112.0, -201.0]).is_ok(), "the hole is north of the area");
-    let error = holed.over([7.0, 12.0], [-112.0, -201.0]).unwrap_err();
-    assert_eq!(error, "row 1 of the heights, column 2: NODATA_value: expected a height in all of the area");
+    for text in [SMALL.replace("4 5 6", "4 -9 6"), SMALL.replace("-9\n4 5 6", "nan\nnan nan 6")] {
+        let holed = HeightGrid::parse(&text).unwrap();
+        assert!(holed.over([7.0, 8.0], [-112.0, -201.0]).is_ok(), "the hole is north of the area");
+        let error = holed.over([7.0, 12.0], [-112.0, -201.0]).unwrap_err();
+        assert_eq!(error, "row 1 of the heights, column 2: NODATA_value: expected a height in all of the area");
+    }
+    assert!(HeightGrid::parse(&SMALL.replace("4 5 6", "4 nan 6")).is_err(), "-9 stands for none");
 }
 
 /// Cells of 10 m in a row from west to east with a ridge of 12 m in the fifth, at x = 45.
