@@ -155,11 +155,15 @@ fn is_taken_over(_: &RingFolder) -> bool {
     false
 }
 
-/// Completes the folder of a run whose slots are all there.
-fn complete(folder: RunFolder, summary: Summary) -> Result<(RunFolder, Summary), Error> {
-    if !folder.is_complete() {
-        folder.write_summary(&summary)?; // the only missing file
-    }
+/// Completes the folder of a run whose slots are all there, which `again` sums up without times.
+fn complete(folder: RunFolder, again: Summary) -> Result<(RunFolder, Summary), Error> {
+    let summary = match folder.summary() {
+        Ok(written) if written.complete => Summary { resumed_after: again.resumed_after, ..written },
+        _ => {
+            folder.write_summary(&again)?; // the only missing file
+            again
+        }
+    };
     clean_up(&folder.recording());
     Ok((folder, summary))
 }

@@ -151,6 +151,18 @@ fn a_complete_run_without_plans_is_not_planned_again() {
 }
 
 #[test]
+fn a_complete_run_keeps_its_times_when_it_is_resumed() {
+    let place = Place::new();
+    place.flight("smoke").without_viewer().run();
+    let written = place.read("run/summary.json");
+    let printed = place.run_ok(&["run", "--resume", "run", "--no-viewer", "--json"]).stdout;
+    let printed: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!((&printed["timing"], place.read("run/summary.json")), (&place.summary("run")["timing"], written));
+    assert!(printed["timing"]["plan_p50_us"].as_f64() > Some(0.0), "{printed}");
+    assert_eq!(printed["resumed_after"], printed["planned_slots"]);
+}
+
+#[test]
 fn a_long_resumption_reports_its_progress() {
     let place = Place::new();
     record_holds(&place.path("run"), SLOTS, None);
