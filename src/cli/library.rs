@@ -63,7 +63,7 @@ pub struct LibraryCommand {
 enum LibraryAction {
     /// Show the instances, with best known values and bounds.
     List {
-        /// Only those of a family.
+        /// Only those of a family, such as `paper`.
         #[arg(long)]
         family: Option<String>,
     },

@@ -65,7 +65,7 @@ fn another_comparison_is_replaced_if_asked_and_a_sweep_of_one_point_is_not() {
     let rows = place.read("swept/summary.csv");
     place.run_refused(
         &["compare", "small.toml", "uts", "edf", "--out", "swept", "--force"],
-        "swept: it contains a sweep, or an unfinished comparison: --force replaces finished ones only",
+        "swept: it contains a sweep, or a comparison that is unfinished or of an earlier version: --force keeps these",
     );
     assert_eq!(place.read("swept/summary.csv"), rows);
     compared(&place, &["small.toml", "uts", "gfs", "--seeds", "2", "--out", "both"]);

@@ -178,7 +178,9 @@ pub fn remove_comparison(path: &Path, sweep: &Sweep) -> Result<(), LabError> {
         return Ok(());
     }
     if held.is_none_or(|held| held.points.len() > 1) || !path.join(STANDINGS).is_file() {
-        return Err(refuse("it contains a sweep, or an unfinished comparison: --force replaces finished ones only"));
+        return Err(refuse(
+            "it contains a sweep, or a comparison that is unfinished or of an earlier version: --force keeps these",
+        ));
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
