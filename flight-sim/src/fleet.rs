@@ -112,16 +112,24 @@ impl Fleet {
 
     /// Why vehicles that are where they were last observed must not follow `plans`, in the order of their numbers;
     /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first. Those of
-    /// whose number `follows` is false may stay where they are, whatever is planned.
-    pub fn refusals(&self, plans: &[Plan], follows: impl Fn(usize) -> bool) -> ByUav<HoldReason> {
+    /// whose number `follows` is false may stay where they are, whatever is planned, or be on their way to where they were
+    /// sent last, their `target`.
+    pub fn refusals(
+        &self,
+        plans: &[Plan],
+        follows: impl Fn(usize) -> bool,
+        target: impl Fn(usize) -> Option<Point3<f64>>,
+    ) -> ByUav<HoldReason> {
         let mut refusals: ByUav<HoldReason> = ByUav::new();
         for (number, (uav, plan)) in self.uavs.iter().zip(plans).enumerate() {
             let is_too_near = |other: usize| {
                 let is_told = refusals.get(other) == Some(&HoldReason::None);
                 let flies = is_told && plans[other].mode != Mode::Charge as u32;
                 let is_near = |end: Point3<f64>| uav.is_too_near(plan, &end.xy(), self.separation_m);
-                let stays = !flies || !follows(other);
-                flies && is_near(plans[other].waypoint()) || stays && is_near(self.uavs[other].vehicle.position)
+                let is_at = self.uavs[other].vehicle.position;
+                let on_its_way = || nearest_between(&is_at, &target(other).unwrap_or(is_at), &plan.waypoint());
+                let strays = !flies || !follows(other);
+                flies && is_near(plans[other].waypoint()) || strays && is_near(on_its_way())
             };
             let flies = self.separation_m > 0.0 && plan.mode != Mode::Charge as u32;
             let mut fixed = (0..plans.len()).filter(|&other| other < number || other > number && !follows(other));
@@ -173,6 +181,13 @@ impl Fleet {
             uav.share_time(report);
         }
     }
+}
+
+/// The point of the way from `from` to `to` that is nearest to `at`, seen from above.
+fn nearest_between(from: &Point3<f64>, to: &Point3<f64>, at: &Point3<f64>) -> Point3<f64> {
+    let (way, rest) = ((to - from).xy(), (at - from).xy());
+    let part = if way.norm_squared() > 0.0 { way.dot(&rest) / way.norm_squared() } else { 0.0 };
+    from + (to - from) * part.clamp(0.0, 1.0)
 }
 
 /// Takes the links out of `report` to sensor nodes that a flight of `lower` serves.
@@ -336,12 +351,29 @@ mod tests {
         let plan = |y_m: f64| Plan::fly_to([50.0, y_m, 20.0], Mode::Fly);
         let fleet = Fleet::new(&scenario, &[]);
         let refusals = |plans: [f64; 2], holds: usize| {
-            let refusals = fleet.refusals(&plans.map(plan), |uav| uav != holds);
+            let refusals = fleet.refusals(&plans.map(plan), |uav| uav != holds, |_| None);
             refusals.iter().map(|&refusal| refusal == HoldReason::Separation).collect::<Vec<_>>()
         };
         // The second is planned to go away, and stays; the first, the same.
         assert_eq!((refusals([60.0, 90.0], 9), refusals([60.0, 90.0], 1)), (vec![false, false], vec![true, false]));
         assert_eq!((refusals([30.0, 60.0], 9), refusals([30.0, 60.0], 0)), (vec![false, false], vec![false, true]));
+    }
+
+    #[test]
+    fn a_uav_that_does_not_follow_its_plan_is_kept_clear_of_its_way_to_where_it_was_sent() {
+        let text =
+            "name = 'x'\n[uav]\ncount = 2\nseparation_m = 6.0\nmax_speed_mps = 40.0\nstarts_m = [[70, 62], [60, 50]]\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let fleet = Fleet::new(&scenario, &[]);
+        let is_refused = |x_m: f64, y_m: f64, target: Option<[f64; 3]>| {
+            let plans = [[x_m, y_m], [90.0, 90.0]].map(|[x_m, y_m]| Plan::fly_to([x_m, y_m, 20.0], Mode::Fly));
+            let target = |uav| target.filter(|_| uav == 1).map(Point3::from);
+            fleet.refusals(&plans, |uav| uav == 0, target)[0] == HoldReason::Separation
+        };
+        let sent = Some([74.0, 50.0, 20.0]);
+        assert_eq!([74.0, 67.0, 60.0, 79.0].map(|x_m| is_refused(x_m, 51.0, sent)), [true; 4]);
+        assert_eq!([81.0, 53.0].map(|x_m| is_refused(x_m, 51.0, sent)), [false; 2], "beyond either end");
+        assert_eq!([(67.0, 57.0, sent), (67.0, 51.0, None)].map(|(x_m, y_m, to)| is_refused(x_m, y_m, to)), [false; 2]);
     }
 
     proptest! {
@@ -357,7 +389,7 @@ mod tests {
             };
             let plans: Vec<Plan> = waypoints.iter().map(plan).collect();
             let mut fleet = Fleet::new(&scenario, &[]);
-            let refusals: Vec<u32> = fleet.refusals(&plans, |_| true).iter().map(|&refusal| refusal as u32).collect();
+            let refusals: Vec<u32> = fleet.refusals(&plans, |_| true, |_| None).iter().map(|&refusal| refusal as u32).collect();
             let mut reports = fleet.start();
             fleet.step(1, |uav| Some(&plans[uav]), &mut reports);
             let holds: Vec<u32> = reports.iter().map(|report| report.hold).collect();

@@ -105,7 +105,7 @@ impl OutsideFleet {
     /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside
     /// the area or behind a zone is refused, and so is charging outside the base.
     pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<SlotOrder> {
-        let refusals = plans.map(|plans| self.fleet.refusals(plans, |_| true));
+        let refusals = plans.map(|plans| self.fleet.refusals(plans, |_| true, |_| None));
         let order = |(uav, position): (usize, Point3<f64>)| {
             let plan = plans.and_then(|plans| plans.get(uav)).copied();
             let refusal = refusals.as_ref().and_then(|refusals| refusals.get(uav)).copied();

@@ -178,7 +178,11 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                     *heartbeat = Heartbeat::after(beat);
                     events.push((*role, ProcessEvent::Restarted(count)));
                 }
-                Some(ProcessChange::Ended(status)) if is_expected(status) => {}
+                Some(ProcessChange::Ended(status)) if is_expected(status) => {
+                    if *role == Role::FlightSim && !status.success() {
+                        progress.say(&format!("{} ended with {status} after the mission", role.name())); // vehicles return
+                    }
+                }
                 Some(ProcessChange::Ended(status)) => {
                     let exited = ProcessEvent::Exited(status.code().unwrap_or_default());
                     events.push((*role, status.signal().map_or(exited, ProcessEvent::Killed)));

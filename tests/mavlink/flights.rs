@@ -205,6 +205,63 @@ pub fn a_restarted_bridge_keeps_a_vehicle_with_a_dead_man_time_of_five_seconds()
     }
 }
 
+pub fn heartbeats_stop_for_a_vehicle_that_is_not_heard() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    run.until_slot(2);
+    vehicle.mute();
+    vehicle.until("return", |copter| copter.mode == CopterMode::Return);
+    vehicle.until_landed();
+    let ended = run.terminate();
+    assert!(ended.stderr.contains("vehicle 1: is not heard any more, for 3 s"), "{ended:?}");
+}
+
+pub fn a_vehicle_that_the_bridge_before_has_armed_is_not_armed_again() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    vehicle.until("arming", |copter| copter.is_armed);
+    run.signal_worker("mavlink", Signal::STOP); // it does not see the pilot
+    vehicle.act(Copter::disarm);
+    vehicle.until("pilot", |copter| !copter.is_armed && !copter.is_in_air());
+    run.signal_worker("mavlink", Signal::KILL);
+    let ended = run.wait().assert_code(1);
+    assert!(ended.stderr.contains("it is on the ground, after it was armed: no slot was flown"), "{ended:?}");
+    assert!(!vehicle.copter().is_armed);
+}
+
+pub fn a_takeover_outlives_the_bridge() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    run.until_slot(2);
+    vehicle.act(|copter| {
+        let _ = copter.change_to(CopterMode::Loiter);
+    });
+    run.until_printed("vehicle 1: is taken over: its mode changed to LOITER");
+    run.until_slots_later(1);
+    vehicle.act(|copter| copter.mode = CopterMode::Guided); // handed to another ground station
+    run.kill_and_await("mavlink");
+    run.until_slots_later(3);
+    assert_eq!(vehicle.copter().mode, CopterMode::Guided);
+    let ended = run.terminate();
+    assert!(ended.stderr.contains("is taken over: it was, or has returned, before this bridge began"), "{ended:?}");
+    assert!(modes(&place)[3..].iter().all(|mode| mode == "return"), "{:?}", modes(&place));
+}
+
+pub fn a_bridge_that_is_killed_while_the_vehicle_returns_is_named() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
+    let run = vehicle.flight(&place).set("slots", 3).start();
+    run.until_printed("vehicle 1: returns: the mission is over");
+    std::thread::sleep(std::time::Duration::from_secs(1)); // before that the bridge would be restarted
+    run.signal_worker("mavlink", Signal::KILL);
+    let ended = run.wait_for_success();
+    assert!(ended.stderr.contains("ended with signal: 9 (SIGKILL) after the mission"), "{ended:?}");
+    vehicle.until_landed();
+}
+
 pub fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
@@ -311,6 +368,9 @@ pub fn invalid_addresses_are_refused_in_one_line() {
         ended.stderr.contains(&format!("vehicle {address}: cannot be opened: Address already in use")),
         "{ended:?}"
     );
+    let near = flight.out("near").settings("uav.count=2 uav.starts_m=[[30.0,30.0],[33.0,30.0]]");
+    let ended = near.vehicle("udpin:127.0.0.1:0").try_run().assert_code(1);
+    assert!(ended.stderr.contains("uav.starts_m = [33.0, 30.0]: expected starts at least 5 m apart"), "{ended:?}");
     let flight = flight.out("none");
     let ended = flight.vehicle("udpin:14540").try_run().assert_code(2);
     assert!(ended.stderr.contains("expected udpin, udpout"), "{ended:?}");

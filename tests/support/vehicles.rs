@@ -1,8 +1,10 @@
 //! Kinematic vehicles that a bridge flies, each in a thread of the test.
 
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use skysink_common::stop::Stop;
 use skysink_kinematic_vehicle::autopilot::Copter;
@@ -30,8 +32,10 @@ pub struct TestVehicle {
     copters: Arc<Mutex<Vec<Copter>>>,
     /// What the pilot of the first vehicle does next.
     acts: Arc<Mutex<Vec<Act>>>,
+    /// Whether what it sends is lost.
+    is_mute: Arc<AtomicBool>,
     stop: Stop,
-    thread: Option<JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
 }
 
 impl TestVehicle {
@@ -48,13 +52,17 @@ impl TestVehicle {
     /// The same at another pace.
     pub fn start_at(pace: u32, options: KinematicOptions) -> Self {
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let connect = format!("udpout:127.0.0.1:{port}").parse().unwrap();
+        let radio = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let connect = format!("udpout:{}", radio.local_addr().unwrap()).parse().unwrap();
         let options = KinematicOptions { connect, speed_factor: pace.into(), ..options };
         let copters = Arc::new(Mutex::new(vec![Copter::new(&options); options.count.into()]));
         let acts: Arc<Mutex<Vec<Act>>> = Arc::default();
         let stop = Stop::default();
         let (seen, due, ended) = (Arc::clone(&copters), Arc::clone(&acts), stop.clone());
-        let thread = thread::spawn(move || {
+        let is_mute: Arc<AtomicBool> = Arc::default();
+        let (mute, is_over) = (Arc::clone(&is_mute), stop.clone());
+        let relay = thread::spawn(move || relay(&radio, port, &mute, &is_over));
+        let server = thread::spawn(move || {
             let see = |index: usize, copter: &mut Copter| {
                 if index == 0 {
                     due.lock().unwrap().drain(..).for_each(|act| act(copter));
@@ -63,7 +71,8 @@ impl TestVehicle {
             };
             server::serve(&options, &ended, see).unwrap();
         });
-        Self { address: format!("udpin:127.0.0.1:{port}"), pace, copters, acts, stop, thread: Some(thread) }
+        let address = format!("udpin:127.0.0.1:{port}");
+        Self { address, pace, copters, acts, is_mute, stop, threads: vec![relay, server] }
     }
 
     /// A flight of `slow` in a ring by this vehicle.
@@ -80,6 +89,11 @@ impl TestVehicle {
     /// Lets its pilot do something.
     pub fn act(&self, act: impl FnOnce(&mut Copter) + Send + 'static) {
         self.acts.lock().unwrap().push(Box::new(act));
+    }
+
+    /// Loses what it sends, from now on, not what it gets.
+    pub fn mute(&self) {
+        self.is_mute.store(true, Ordering::Relaxed);
     }
 
     /// Its state.
@@ -100,7 +114,20 @@ impl TestVehicle {
 
 impl Drop for TestVehicle {
     fn drop(&mut self) {
-        self.stop.flag().store(15, std::sync::atomic::Ordering::Relaxed);
-        let _ = self.thread.take().map(JoinHandle::join);
+        self.stop.flag().store(15, Ordering::Relaxed);
+        self.threads.drain(..).for_each(|thread| drop(thread.join()));
+    }
+}
+
+/// Passes on what comes to `radio` from the bridge at `port`, and to it what comes from the vehicle unless that is mute.
+fn relay(radio: &UdpSocket, port: u16, is_mute: &AtomicBool, is_over: &Stop) {
+    radio.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    let bridge = SocketAddr::from(([127, 0, 0, 1], port));
+    let (mut vehicle, mut message) = (None, [0; 300]);
+    while is_over.requested().is_none() {
+        let Ok((length, from)) = radio.recv_from(&mut message) else { continue };
+        let to = if from == bridge { vehicle } else { Some(bridge).filter(|_| !is_mute.load(Ordering::Relaxed)) };
+        vehicle = if from == bridge { vehicle } else { Some(from) };
+        let _ = to.map(|to| radio.send_to(&message[..length], to)); // the bridge may not be there yet
     }
 }

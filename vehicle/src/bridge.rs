@@ -128,6 +128,7 @@ impl Bridge {
         let mut fleet = Fleet::new(scenario, sensors);
         fleet.restore(reports);
         let battery = Battery::of(scenario);
+        let is_in_mission = beginning == Beginning::Restarted { in_mission: true };
         let altitude_m = scenario.uav.fixed_altitude_m();
         // Where the vehicle stood, it climbs.
         let in_range_m =
@@ -141,12 +142,14 @@ impl Bridge {
                 low_battery: battery.map_or(DEFAULT_LOW_BATTERY, |battery| battery.reserve_j / battery.capacity_j),
                 beginning,
                 own_system,
-                was_armed: beginning == Beginning::Restarted { in_mission: true },
+                flown_m: if is_in_mission { scenario.uav.max_speed_mps * scenario.slot_s } else { 0.0 },
+                was_armed: is_in_mission,
             };
             let mut control = VehicleControl::new(assignment, frame);
             match (beginning, report.flown_mode()) {
                 (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Down) => control.stay_down(),
-                (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Return) => control.leave(),
+                (Beginning::Resumed, Mode::Return) => control.leave(),
+                (Beginning::Restarted { .. }, Mode::Return) => control.go_on_home(),
                 _ => {}
             }
             Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
@@ -157,7 +160,7 @@ impl Bridge {
             slot_s: scenario.slot_s,
             altitude_m,
             capacity_j: battery.map(|battery| battery.capacity_j),
-            is_in_mission: beginning == Beginning::Restarted { in_mission: true },
+            is_in_mission,
             waiting_s: None,
             goes_on: false,
             planned_s: None,
@@ -176,7 +179,7 @@ impl Bridge {
     /// Advances to `now_s` [s]; calls `send` with the orders that are due, and `say` with lines for people.
     ///
     /// # Errors
-    /// If a vehicle must not take off, or others wait for it in vain.
+    /// If a vehicle must not take off, or others wait for it in vain. The others are advanced all the same.
     pub fn poll(
         &mut self,
         now_s: f64,
@@ -188,14 +191,15 @@ impl Bridge {
             self.members.iter_mut().for_each(|member| member.control.allow_arming());
         }
         let mut orders = Vec::new();
+        let mut refused = Ok(());
         for (uav, Member { control, is_doubtful, .. }) in self.members.iter_mut().enumerate() {
             let polled = control.poll(now_s, &mut orders);
             *is_doubtful |= !control.has_current_position(now_s);
             orders.drain(..).for_each(|order| send(uav, &order));
             control.take_said().into_iter().for_each(|line| say(uav, line));
-            polled.map_err(|why| VehicleRefusal { number: uav + 1, why })?;
+            refused = refused.and(polled.map_err(|why| VehicleRefusal { number: uav + 1, why }));
         }
-        Ok(())
+        refused
     }
 
     /// Leaves the vehicle of this number from 0 alone, which a bridge before has left to others.
@@ -206,13 +210,13 @@ impl Bridge {
     /// Flies without the vehicle of this number from 0, because of `why`.
     ///
     /// # Errors
-    /// If no other one is in flight.
-    pub fn refuse(&mut self, uav: usize, why: String) -> Result<(), VehicleRefusal> {
+    /// If no other one has been armed, nor ended its mission.
+    pub fn refuse(&mut self, uav: usize, why: String, now_s: f64) -> Result<(), VehicleRefusal> {
         let mut others = self.members.iter().enumerate().filter(|(other, _)| *other != uav);
         if !others.any(|(_, other)| other.control.is_committed()) {
             return Err(VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) });
         }
-        self.members[uav].control.refuse(&why);
+        self.members[uav].control.refuse(&why, now_s);
         Ok(())
     }
 
@@ -357,7 +361,8 @@ impl Bridge {
         self.waits_s = self.patience_s;
         self.suspended_s = 0.0;
         let follows = |uav: usize| self.members[uav].control.follows_plans(now_s);
-        let refusals = self.fleet.refusals(plans, follows);
+        let target = |uav: usize| self.members[uav].control.target();
+        let refusals = self.fleet.refusals(plans, follows, target);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
             let plan = Plan { z_m: self.altitude_m.unwrap_or(plan.z_m), ..*plan };
             member.refusal = if plan.mode == Mode::Charge as u32 { HoldReason::Base } else { refusal };
@@ -424,9 +429,12 @@ impl Member {
         report.energy_j = capacity_j.zip(vehicle.battery).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
         let mode = match (control.phase(), plan) {
             (Phase::Landed, _) => Mode::Down,
-            (Phase::Returning | Phase::TakenOver, _) => Mode::Return,
+            _ if control.has_ended_in_air() => Mode::Return,
             (_, Some(plan)) if self.flies_plan() && control.has_current_position(now_s) => {
-                mode_at_end(plan, &position, REACHED_M)
+                match mode_at_end(plan, &position, REACHED_M) {
+                    Mode::Return => Mode::Transit, // it follows plans: the next bridge does not send it home
+                    mode => mode,
+                }
             }
             _ => Mode::Hold,
         };

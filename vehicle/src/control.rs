@@ -6,7 +6,11 @@
 mod answers;
 mod flight;
 
-use crate::autopilot::AutopilotKind;
+pub use answers::Heartbeats;
+
+use nalgebra::Point3;
+
+use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
@@ -37,6 +41,9 @@ const SETTLED_S: f64 = 0.3;
 
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
+
+/// Time after which a vehicle that an earlier bridge has left in the air returns if it has not passed the checks [s].
+const CHECKS_S: f64 = 150.0;
 
 /// Time after which a flight to the start that does not end is given up [s].
 const TO_START_S: f64 = 600.0;
@@ -103,6 +110,12 @@ pub struct VehicleControl {
     arming_s: f64,
     /// Whether it is left alone because its mission was over before the bridge was restarted.
     is_left: bool,
+    /// Whether the bridge itself has given it up: nobody else is known to fly it.
+    is_abandoned: bool,
+    /// Where it was sent last [m].
+    target: Option<Point3<f64>>,
+    /// Since when it is checked in the air [s].
+    checked_since_s: Option<f64>,
     /// Why it returns as soon as it is known to be in the air: its mission has ended before it was heard.
     awaited_return: Option<String>,
     /// Whether the checks before take-off hold now.
@@ -143,6 +156,9 @@ impl VehicleControl {
             stale_until_s: 0.0,
             arming_s: f64::NEG_INFINITY,
             is_left: false,
+            is_abandoned: false,
+            target: None,
+            checked_since_s: None,
             awaited_return: None,
             is_checked: false,
             has_said_checked: false,
@@ -153,22 +169,33 @@ impl VehicleControl {
         }
     }
 
-    /// Leaves a vehicle alone that had ended its mission, or was taken over, before this bridge was restarted.
+    /// Leaves a vehicle alone that was taken over before this bridge began, or that had ended its mission in the run that
+    /// is resumed.
     pub fn leave(&mut self) {
         if self.phase == Phase::Preflight {
             self.is_left = true;
-            self.has_begun = self.assignment.beginning != Beginning::Restarted { in_mission: false };
+            self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
+            self.is_abandoned = self.assignment.beginning == Beginning::Resumed; // the run before has ended
             self.give_up("it was, or has returned, before this bridge began");
         }
     }
 
+    /// Sends a vehicle home that was on its way home before this bridge began, unless others fly it by now.
+    pub fn go_on_home(&mut self) {
+        self.has_begun = true;
+        self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
+    }
+
     /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
-    /// orders.
-    pub fn refuse(&mut self, why: &str) {
-        if self.assignment.beginning == Beginning::New || self.takeover.has_been_disarmed() {
+    /// orders, and no heartbeats.
+    pub fn refuse(&mut self, why: &str, now_s: f64) {
+        if self.takeover.is_arming() {
+            self.return_home(why, now_s);
+        } else if self.assignment.beginning == Beginning::New || self.takeover.has_been_disarmed() {
             self.said.say(format!("is not armed: {why}"));
             self.land(why);
         } else {
+            self.is_abandoned = true;
             self.give_up(why);
         }
     }
@@ -178,9 +205,14 @@ impl VehicleControl {
         self.assignment.was_armed = true;
     }
 
-    /// Whether it has been armed by an order of this bridge or of one before.
+    /// Whether it has been armed by an order of this bridge or of one before, as far as is known: it may be on its way.
     pub fn was_armed(&self) -> bool {
-        self.assignment.was_armed || self.takeover.has_armed()
+        self.assignment.was_armed || self.takeover.is_arming()
+    }
+
+    /// Where it was sent last [m].
+    pub fn target(&self) -> Option<Point3<f64>> {
+        self.target
     }
 
     /// Whether it flies to the waypoints of plans, as far as is known.
@@ -377,10 +409,17 @@ impl VehicleControl {
 
     /// Checks whether the vehicle may take off, or is in the air already.
     fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        if self.is_of_earlier_bridge()
-            && let Some(why) = self.awaited_return.take()
-        {
-            self.return_home(&why, now_s);
+        if self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) {
+            let since_s = *self.checked_since_s.get_or_insert(now_s);
+            let missing = self.preflight.missing.filter(|_| now_s - since_s > CHECKS_S);
+            let late = missing.map(|missing| format!("the bridge has waited {CHECKS_S} s for it {missing}"));
+            if let Some(why) = self.awaited_return.take().or(late) {
+                self.return_home(&why, now_s);
+                return Ok(());
+            }
+        }
+        if self.awaited_return.is_some() && self.is_of_earlier_bridge(ModeMeaning::Returns) {
+            self.watch_return();
             return Ok(());
         }
         let position = self.position().filter(|_| self.has_current_position(now_s));
@@ -393,12 +432,7 @@ impl VehicleControl {
             return Ok(());
         }
         match clearance {
-            Clearance::Wait(missing) => {
-                self.preflight.missing = Some(missing);
-                if self.preflight.is_line_due(now_s) {
-                    self.said.say(format!("waiting for it {missing}"));
-                }
-            }
+            Clearance::Wait(missing) => self.await_missing(missing, now_s),
             Clearance::GiveUp(why) => self.give_up(&why),
             Clearance::Arm => {
                 if !std::mem::replace(&mut self.has_said_checked, true) {
@@ -421,6 +455,10 @@ impl VehicleControl {
                 }
             }
             Clearance::Return(why) => self.return_home(&why, now_s),
+            Clearance::Abandon(why) => {
+                self.is_abandoned = true;
+                self.give_up(&why);
+            }
         }
         Ok(())
     }

@@ -220,7 +220,7 @@ impl Vehicles {
         ))
     }
 
-    /// Checks that `system` hovers, and is one vehicle. A generic one, of which nothing is known, hovers if it is named.
+    /// Checks that `system` hovers, and is one vehicle, or that of the bridge before. A generic one, of which nothing is known, hovers if it is named.
     ///
     /// # Errors
     /// If not, in words.
@@ -233,7 +233,8 @@ impl Vehicles {
             let kind = name(heard.kind);
             return Err(format!("system {system} is a {kind} (MAV_TYPE {number}): expected a copter{or_named}"));
         }
-        if let (Some(first), Some(second)) = (heard.address, heard.second) {
+        let is_known = self.expected.get(&system).is_some_and(|expected| heard.address == Some(*expected));
+        if let (Some(first), Some(second), false) = (heard.address, heard.second, is_known) {
             return Err(format!("system {system} is heard from {first} and from {second}: expected one vehicle"));
         }
         Ok(())

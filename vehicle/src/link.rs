@@ -1,7 +1,7 @@
 //! The links to the vehicles of a fleet: which vehicle is at which address. The messages themselves
 //! are left to [`crate::codec`].
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::net::SocketAddr;
 
@@ -10,6 +10,7 @@ use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavMod
 use serde::{Deserialize, Serialize};
 
 use crate::codec::{AUTOPILOT, decode, encode};
+use crate::control::Heartbeats;
 use crate::identity::{Sender, Vehicles};
 use crate::telemetry::{Fix, Order, Telemetry};
 use crate::wire::{Received, Wire, WireAddress};
@@ -227,7 +228,13 @@ impl Link {
                 self.notice(index, format!("a second address{from}, sends as system {system}: it is not believed"));
                 return None;
             }
-            Sender::Unproven => return None,
+            Sender::Unproven => {
+                let from = from.map_or_else(String::new, |from| format!(" at {from}"));
+                self.notice(index, format!(
+                    "system {system} is heard{from} now, and not believed until it says that it is where it was heard last"
+                ));
+                return None;
+            }
             Sender::Unknown => {
                 if self.routes.iter().any(|route| route.connection == index && route.system.is_some()) {
                     self.notice_stranger(index, from.as_ref(), header);
@@ -287,9 +294,9 @@ impl Link {
     }
 
     /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before has
-    /// heard them, or at the address of the connection. Where all are `left` to their dead-man switches, by the numbers of
-    /// their UAVs from 0, none is sent.
-    pub fn send_heartbeats(&self, left: impl Fn(usize) -> bool) {
+    /// heard them, or at the address of the connection. Where none is due, and one is withheld, `of` the numbers of UAVs
+    /// from 0, none is sent.
+    pub fn send_heartbeats(&self, of: impl Fn(usize) -> Heartbeats) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: MavType::MAV_TYPE_GCS,
@@ -298,14 +305,17 @@ impl Link {
             system_status: MavState::MAV_STATE_ACTIVE,
             mavlink_version: 3,
         });
-        let mut told = BTreeSet::new();
+        let mut at_addresses = BTreeMap::<_, BTreeSet<Heartbeats>>::new();
         for (uav, Route { connection, system, before, .. }) in self.routes.iter().enumerate() {
-            let linked = &self.connections[*connection];
             let to = match system {
-                Some(system) => linked.vehicles.address(*system),
+                Some(system) => self.connections[*connection].vehicles.address(*system),
                 None => before.and_then(|before| before.address),
             };
-            if !left(uav) && told.insert((*connection, to)) {
+            at_addresses.entry((*connection, to)).or_default().insert(of(uav));
+        }
+        for ((connection, to), there) in at_addresses {
+            if there.first() != Some(&Heartbeats::Withheld) {
+                let linked = &self.connections[connection];
                 linked.wire.send(&linked.header(), &heartbeat, to);
             }
         }
@@ -412,13 +422,38 @@ mod tests {
         let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.set_read_timeout(Some(std::time::Duration::from_millis(100))).unwrap();
         let port = socket.local_addr().unwrap().port();
-        let mut link = link(&["?system=1"], 1);
-        let _ = link.hear(0, &sent(port, 1, AUTOPILOT, beat(QUADROTOR)), 0.0);
-        link.choose(0.0, |_| false, |_, _| None).unwrap();
-        for (is_left, is_heard) in [(false, true), (true, false), (false, true)] {
-            link.send_heartbeats(|_| is_left);
-            assert_eq!(socket.recv(&mut [0; 300]).is_ok(), is_heard);
+        use Heartbeats::{Due, Idle, Withheld};
+        // Two behind a router: one that is due gets them, and with it the other.
+        for ([first, second], is_sent) in [
+            ([Due, Due], true),
+            ([Withheld, Withheld], false),
+            ([Idle, Withheld], false),
+            ([Withheld, Due], true),
+            ([Idle, Idle], true),
+        ] {
+            let mut link = link(&["?system=1", "?system=2"], 2);
+            for system in [1, 2] {
+                let _ = link.hear(0, &sent(port, system, AUTOPILOT, beat(QUADROTOR)), 0.0);
+            }
+            link.choose(0.0, |_| false, |_, _| None).unwrap();
+            link.send_heartbeats(|uav| [first, second][uav]);
+            assert_eq!(socket.recv(&mut [0; 300]).is_ok(), is_sent, "{first:?} {second:?}");
         }
+    }
+
+    #[test]
+    fn a_vehicle_of_the_bridge_before_is_known_beside_a_second_sender() {
+        let mut link = link(&[""], 2);
+        let at = |port: u16| Some(SocketAddr::from(([127, 0, 0, 1], port)));
+        let before = |system, port| Some(ChosenVehicle { system, address: at(port), was_armed: true });
+        link.name(&[before(1, 1), before(2, 2)]);
+        // The second one is heard first, and waited out.
+        for (port, message) in [(9, beat(QUADROTOR)), (2, beat(QUADROTOR)), (9, charge(20))] {
+            assert_eq!(link.hear(0, &sent(port, 2, AUTOPILOT, message), 0.1), None);
+        }
+        link.choose(0.3, |_| false, |_, _| None).unwrap();
+        link.choose(0.4, |_| false, |_, _| None).unwrap();
+        assert_eq!(address_of(&link, 1), Some(2));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, Plan, SlotHeader, Tick};
+use skysink_common::message::{FlightReport, Mode, Plan, SlotHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
@@ -24,6 +24,7 @@ use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::{ChosenVehicle, Link};
 use crate::preflight::Beginning;
+use crate::telemetry::Order;
 use crate::wire::{WireAddress, check_addresses};
 
 /// Longest time between two polls of the links.
@@ -132,6 +133,9 @@ struct BridgeProcess<S: Service + 'static> {
     /// The numbers of the vehicles that were taken over, as they were saved, and where.
     taken_over: Vec<usize>,
     taken_over_file: PathBuf,
+    has_said_unsaved: bool,
+    /// Of the vehicles, for people.
+    addresses: String,
 }
 
 impl<S: Service + 'static> BridgeProcess<S> {
@@ -151,7 +155,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let origin = scenario.area.origin();
         let origin = origin.ok_or_else(|| refuse("expected a scenario with area.origin_lat_deg and origin_lon_deg"))?;
         check_addresses(addresses, uavs).map_err(|message| refuse(&message))?;
-        check_starts(scenario)?;
+        let (last, reports) = flown.last().expect("at least slot 0");
+        if ring.restarts == 0 {
+            check_apart(scenario, *last, reports)?;
+        }
         let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
@@ -166,11 +173,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
-        let reports = &flown.last().expect("at least slot 0").1;
         // The journal of a run that is resumed begins with one slot.
-        let beginning = match (ring.restarts, flown.last()) {
-            (0, Some((0, _)) | None) => Beginning::New,
-            (0, Some(_)) => Beginning::Resumed,
+        let beginning = match (ring.restarts, last) {
+            (0, 0) => Beginning::New,
+            (0, _) => Beginning::Resumed,
             _ => Beginning::Restarted { in_mission: flown.len() > 1 },
         };
         let own_systems: Vec<u8> = (0..uavs).map(|uav| addresses[uav.min(addresses.len() - 1)].own_system).collect();
@@ -199,6 +205,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
             chosen_file,
             taken_over,
             taken_over_file,
+            has_said_unsaved: false,
+            addresses: list(addresses),
         })
     }
 
@@ -222,9 +230,17 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut plans = ring.plan.reader()?;
         let mut ticks = ring.tick.reader()?;
         let mut journal = journal(folder, scenario.uav.uavs())?;
+        let mut heard = Instant::now();
         while !self.bridge.has_begun() {
             self.poll()?;
             self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
+            if ring.restarts == 0 || self.bridge.is_heard() {
+                heard = Instant::now();
+            } else if heard.elapsed() > UNHEARD {
+                let message =
+                    "none was heard for ten minutes since the bridge was restarted: expected those of the run";
+                return Err(InputError::of_argument("vehicle", &self.addresses, message).into());
+            }
             self.pause()?;
         }
         let (last, mut reports) = flown.last().expect("at least slot 0").clone();
@@ -305,9 +321,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let is_committed = |uav| bridge.control(uav).is_committed();
         let chosen = self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix));
         if let Err((uav, why)) = chosen {
-            self.bridge.refuse(uav, why).map_err(|refused| refusal(&refused))?;
+            self.bridge.refuse(uav, why, now_s).map_err(|refused| refusal(&refused))?;
         }
-        self.save_chosen();
         self.exchange()
     }
 
@@ -317,19 +332,32 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let new = self.bridge.taken_over().into_iter().filter(|number| !self.taken_over.contains(number));
         self.taken_over.extend(new.collect::<Vec<_>>());
         if self.taken_over.len() > known {
-            let text = serde_json::to_string(&self.taken_over).expect("numbers are JSON");
-            write_whole(&self.taken_over_file, &text); // without it, the launcher offers to resume the run
+            // Without it, the launcher offers to resume the run.
+            let saved = write_whole(&self.taken_over_file, &self.taken_over);
+            self.say_unsaved(TAKEN_OVER, saved);
         }
     }
 
-    /// Saves which vehicles are chosen, for the bridge after this one.
-    fn save_chosen(&mut self) {
+    /// Saves which vehicles are chosen, and have been armed, for the bridge after this one. Returns whether that is saved.
+    fn save_chosen(&mut self) -> bool {
         let chosen = self.link.chosen(|uav| self.bridge.control(uav).was_armed());
         if chosen != self.chosen {
-            let text = serde_json::to_string(&chosen).expect("numbers and addresses are JSON");
-            write_whole(&self.chosen_file, &text); // without it, the next bridge listens again
-            self.chosen = chosen;
+            let saved = write_whole(&self.chosen_file, &chosen);
+            if self.say_unsaved(CHOSEN, saved) {
+                self.chosen.clone_from(&chosen);
+            }
         }
+        chosen == self.chosen
+    }
+
+    /// Says once that a file cannot be written. Returns whether it was.
+    fn say_unsaved(&mut self, name: &str, saved: std::io::Result<()>) -> bool {
+        if let Err(error) = &saved
+            && !std::mem::replace(&mut self.has_said_unsaved, true)
+        {
+            Role::FlightSim.log(format_args!("{name} cannot be written: {error}: no vehicle is armed meanwhile"));
+        }
+        saved.is_ok()
     }
 
     /// Takes in what the chosen vehicles say, sends what is due, and notes who was taken over.
@@ -366,11 +394,15 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         if now_s >= self.heartbeat_s {
             self.heartbeat_s = now_s + HEARTBEAT_S;
-            self.link.send_heartbeats(|uav| self.bridge.control(uav).is_to_come_home(now_s));
+            self.link.send_heartbeats(|uav| self.bridge.control(uav).heartbeats(now_s));
         }
-        let link = &self.link;
+        let mut orders = Vec::new();
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
-        self.bridge.poll(now_s, |uav, order| link.send(uav, order), say).map_err(|refused| refusal(&refused))
+        let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
+        let is_saved = self.save_chosen(); // before the order to arm, which the next bridge has to know of
+        let sent = orders.iter().filter(|(_, order)| is_saved || *order != Order::Arm);
+        sent.for_each(|(uav, order)| self.link.send(*uav, order));
+        polled.map_err(|refused| refusal(&refused))
     }
 
     /// Sleeps until there is a plan, for at most [`POLL_EVERY`].
@@ -432,7 +464,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let now_s = self.now_s();
         self.bridge.return_home(why, now_s);
         let begin = Instant::now();
-        while self.exchange().is_ok() && !self.bridge.is_homebound() && begin.elapsed() < timeout {
+        while !self.bridge.is_homebound() && begin.elapsed() < timeout {
+            let _ = self.exchange(); // one that must not fly keeps none of the others from returning
             std::thread::sleep(POLL_EVERY);
         }
     }
@@ -452,24 +485,32 @@ impl<S: Service + 'static> BridgeProcess<S> {
     }
 }
 
-/// Checks that the vehicles of a fleet climb, and hover, apart.
-fn check_starts(scenario: &Scenario) -> Result<(), InputError> {
-    let starts: Vec<_> = scenario.starts().collect();
+/// Checks that the vehicles of a fleet climb, and hover, apart: at their starts or, in a run that is resumed, where they
+/// were after its last `slot`.
+fn check_apart(scenario: &Scenario, slot: u64, reports: &[FlightReport]) -> Result<(), InputError> {
     let apart_m = scenario.uav.separation_m.unwrap_or(0.0).max(STARTS_APART_M);
-    let is_near = |uav: usize| starts[..uav].iter().any(|other| (starts[uav] - other).norm() < apart_m);
-    match (1..starts.len()).find(|&uav| is_near(uav)) {
-        Some(uav) => {
+    let flies = |report: &&FlightReport| ![Mode::Down, Mode::Return].contains(&report.flown_mode());
+    let places: Vec<_> = reports.iter().filter(flies).map(|report| report.position().xy()).collect();
+    let is_near = |uav: usize| places[..uav].iter().any(|other| (places[uav] - other).norm() < apart_m);
+    match (1..places.len()).find(|&uav| is_near(uav)) {
+        Some(uav) if slot == 0 => {
             let expected = format!("starts at least {apart_m} m apart, for vehicles");
-            Err(scenario.refusal("uav.starts_m", &vec![starts[uav].x, starts[uav].y].into(), &expected))
+            Err(scenario.refusal("uav.starts_m", &vec![places[uav].x, places[uav].y].into(), &expected))
+        }
+        Some(uav) => {
+            let at = format!("{}, {}", places[uav].x, places[uav].y);
+            let expected = format!("vehicles at least {apart_m} m apart, where they begin after slot {slot}");
+            Err(InputError::of_argument("vehicle", &at, expected))
         }
         None => Ok(()),
     }
 }
 
 /// Writes a file whole or, if that fails, not at all.
-fn write_whole(path: &Path, text: &str) {
+fn write_whole(path: &Path, content: &impl serde::Serialize) -> std::io::Result<()> {
     let new = path.with_extension("new");
-    let _ = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path));
+    let text = serde_json::to_string(content).expect("numbers and addresses are JSON");
+    std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path))
 }
 
 fn refusal(refused: &VehicleRefusal) -> NodeError {

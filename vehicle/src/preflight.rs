@@ -22,7 +22,7 @@ const LINE_S: f64 = 10.0;
 const BATTERY_SLACK: f64 = 0.05;
 
 /// Farthest from its start at which a vehicle may take off [m].
-pub(crate) const TAKE_OFF_RADIUS_M: f64 = 500.0;
+const TAKE_OFF_RADIUS_M: f64 = 500.0;
 
 /// How the mission of a bridge begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,14 +53,21 @@ pub struct Assignment {
     pub beginning: Beginning,
     /// The system of the bridge.
     pub own_system: u8,
+    /// How far it may have flown from its start since that was reported [m].
+    pub flown_m: f64,
     /// Whether a bridge before has armed it: it is not armed again.
     pub was_armed: bool,
 }
 
 impl Assignment {
+    /// Farthest from its start at which it may take off, or be taken over in the air [m].
+    fn radius_m(&self) -> f64 {
+        TAKE_OFF_RADIUS_M + self.flown_m
+    }
+
     /// Whether it is so near its start that it may take off [m].
-    fn is_near(&self, position: Option<Point3<f64>>) -> bool {
-        position.is_some_and(|position| (position.xy() - self.start.xy()).norm() <= TAKE_OFF_RADIUS_M)
+    pub(crate) fn is_near(&self, position: Option<Point3<f64>>) -> bool {
+        position.is_some_and(|position| (position.xy() - self.start.xy()).norm() <= self.radius_m())
     }
 }
 
@@ -85,6 +92,8 @@ pub enum Clearance {
     Return(String),
     /// Others fly it, in words after "is taken over:".
     GiveUp(String),
+    /// It is in the air, and may be another vehicle, in words after "is taken over:".
+    Abandon(String),
 }
 
 /// What is known before take-off.
@@ -193,7 +202,7 @@ impl Preflight {
                     Ok(missing) => Ok(missing.map_or(Clearance::FlyOn { mode }, Clearance::Wait)),
                     Err(refusal) if assignment.beginning == Beginning::Resumed => Err(refusal),
                     Err(PreflightRefusal(why)) if assignment.is_near(position) => Ok(Clearance::Return(why)),
-                    Err(PreflightRefusal(why)) => Ok(Clearance::GiveUp(why)),
+                    Err(PreflightRefusal(why)) => Ok(Clearance::Abandon(why)),
                 }
             }
         }
@@ -216,7 +225,8 @@ impl Preflight {
         let Some(position) = position else { return Ok(Some("to know its position")) };
         if !assignment.is_near(Some(position)) {
             let away_m = (position.xy() - assignment.start.xy()).norm();
-            return refuse(format!("it is {away_m:.0} m from its start: expected at most {TAKE_OFF_RADIUS_M} m"));
+            let most_m = assignment.radius_m();
+            return refuse(format!("it is {away_m:.0} m from its start: expected at most {most_m} m"));
         }
         let needed = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery - BATTERY_SLACK };
         if let Some(battery) = vehicle.battery.filter(|battery| *battery < needed) {

@@ -10,6 +10,21 @@ use crate::telemetry::{Fix, Order};
 /// Time without a message after which a vehicle gets no heartbeats until it is heard [s].
 const ABANDONED_S: f64 = 10.0;
 
+/// Time between two calls of a vehicle that was never heard, and how long one takes [s].
+const CALL_EVERY_S: f64 = 30.0;
+const CALL_S: f64 = 0.3;
+
+/// Whether a vehicle gets heartbeats of the bridge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Heartbeats {
+    /// It does, whoever else is at its address.
+    Due,
+    /// It does not, so that its dead-man switch acts.
+    Withheld,
+    /// It does, unless those of another at its address are withheld.
+    Idle,
+}
+
 impl VehicleControl {
     /// Whether others have taken it over while this bridge flew it.
     pub fn is_taken_over(&self) -> bool {
@@ -21,11 +36,32 @@ impl VehicleControl {
         !self.is_lost && self.vehicle.autopilot.is_some()
     }
 
-    /// Whether it may be in the air and has not been heard for so long that its dead-man switch has to bring it home.
-    pub fn is_to_come_home(&self, now_s: f64) -> bool {
-        let may_fly = self.is_committed() || matches!(self.assignment.beginning, Beginning::Restarted { .. });
-        let is_ours = !matches!(self.phase, Phase::TakenOver | Phase::Landed);
-        may_fly && is_ours && self.vehicle.unheard_s(now_s) >= ABANDONED_S
+    /// Whether it gets heartbeats. A vehicle that may be in the air gets none if its dead-man switch has to bring it home:
+    /// the bridge has given it up, and nobody is known to fly it, or it was not heard for long.
+    pub fn heartbeats(&self, now_s: f64) -> Heartbeats {
+        let may_fly = self.is_committed() || self.assignment.beginning != Beginning::New;
+        let is_left = match self.phase {
+            Phase::Landed => return Heartbeats::Idle,
+            Phase::TakenOver => self.is_abandoned && self.is_unflown(),
+            _ => may_fly && self.vehicle.unheard_s(now_s) >= ABANDONED_S && !self.is_called(now_s),
+        };
+        if is_left { Heartbeats::Withheld } else { Heartbeats::Due }
+    }
+
+    /// Whether its mode, as far as it is known, is not one of others, nor a return.
+    fn is_unflown(&self) -> bool {
+        matches!(self.vehicle.meaning(), ModeMeaning::FollowsOrders | ModeMeaning::Unknown)
+    }
+
+    /// Whether a vehicle that was never heard is called, so that it knows where to answer: more rarely than a dead-man
+    /// switch waits.
+    fn is_called(&self, now_s: f64) -> bool {
+        self.vehicle.autopilot.is_none() && now_s % CALL_EVERY_S < CALL_S
+    }
+
+    /// Whether it is to return as soon as it is heard, or does, or is flown by others.
+    pub fn has_ended_in_air(&self) -> bool {
+        matches!(self.phase, Phase::Returning | Phase::TakenOver) || self.awaited_return.is_some()
     }
 
     /// The phase of its mission.
@@ -40,7 +76,7 @@ impl VehicleControl {
 
     /// What it is waited for before take-off, in words after "waiting for it"; `None` if nothing is.
     pub fn missing(&self) -> Option<&'static str> {
-        self.preflight.missing.filter(|_| self.phase == Phase::Preflight)
+        self.preflight.missing.filter(|_| matches!(self.phase, Phase::Preflight | Phase::Arming))
     }
 
     /// Why its mission is over, if it has never begun.

@@ -5,7 +5,7 @@ use skysink_flight_sim::outside::REACHED_M;
 
 use super::{CLIMB_S, CLIMBED_M, DISARMED_S, HOVER_MPS, Phase, RETRY_S, TO_START_S, VehicleControl};
 use crate::autopilot::ModeMeaning;
-use crate::preflight::{Beginning, PreflightRefusal, TAKE_OFF_RADIUS_M};
+use crate::preflight::{Beginning, PreflightRefusal};
 use crate::telemetry::{GlobalTarget, Order};
 
 impl VehicleControl {
@@ -59,11 +59,26 @@ impl VehicleControl {
                 self.phase = Phase::Preflight; // which says what is missing
                 self.may_arm = false;
             }
-            Err(PreflightRefusal(why)) if !self.takeover.is_arming() => {
+            Ok(Some(missing)) => self.await_missing(missing, now_s),
+            Ok(None) => self.preflight.missing = None,
+            Err(PreflightRefusal(why)) if !self.takeover.is_arming() || self.has_ignored_arming(now_s) => {
                 self.said.say(format!("is not armed: {why}"));
                 self.land(&why);
             }
-            _ => {}
+            Err(_) => {}
+        }
+    }
+
+    /// Whether the last order to arm has had no effect, nor an answer.
+    fn has_ignored_arming(&self, now_s: f64) -> bool {
+        self.takeover.armed_s().is_none() && !self.may_still_arm(now_s) && self.vehicle.says_disarmed()
+    }
+
+    /// Says from time to time what the vehicle is waited for.
+    pub(super) fn await_missing(&mut self, missing: &'static str, now_s: f64) {
+        self.preflight.missing = Some(missing);
+        if self.preflight.is_line_due(now_s) {
+            self.said.say(format!("waiting for it {missing}"));
         }
     }
 
@@ -119,6 +134,7 @@ impl VehicleControl {
         if self.phase != Phase::Flying {
             return;
         }
+        self.target = Some(target);
         let altitude = autopilot.altitude(target.z, fix.above_sea_m - fix.above_home_m);
         let to = GlobalTarget { lat_deg: place.lat_deg, lon_deg: place.lon_deg, altitude };
         let keeps_mode = self.vehicle.mode().is_some_and(|mode| autopilot.may_keep_mode(mode));
@@ -180,7 +196,7 @@ impl VehicleControl {
         };
         match self.phase {
             Phase::Returning | Phase::TakenOver | Phase::Landed => return,
-            Phase::Preflight if self.is_of_earlier_bridge() => {
+            Phase::Preflight if self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) => {
                 self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
             }
             Phase::Preflight if self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed() => {
@@ -203,12 +219,20 @@ impl VehicleControl {
         now_s - self.arming_s < DISARMED_S
     }
 
-    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it.
-    pub(super) fn is_of_earlier_bridge(&self) -> bool {
-        let is_near =
-            self.vehicle.fix().and_then(|fix| self.away_m(fix)).is_some_and(|away_m| away_m <= TAKE_OFF_RADIUS_M);
+    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it, in such a mode.
+    pub(super) fn is_of_earlier_bridge(&self, meaning: ModeMeaning) -> bool {
         let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
-        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == ModeMeaning::FollowsOrders
+        let is_near = self.assignment.is_near(self.position());
+        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
+    }
+
+    /// Waits for the landing of a vehicle that is on its way home.
+    pub(super) fn watch_return(&mut self) {
+        self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
+        self.takeover.order(&Order::Return); // that of the bridge before
+        self.said.say("is on its way home".to_owned());
+        self.note_end("it has returned");
+        self.phase = Phase::Returning;
     }
 
     /// Notices the landing, and who stops the return; orders it again if it has no effect.

@@ -7,6 +7,7 @@ use skysink_common::message::Mode;
 use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
+use skysink_vehicle::control::Heartbeats;
 use skysink_vehicle::telemetry::{Order, Telemetry};
 
 use crate::flight::{ClosedLoop, plan};
@@ -301,17 +302,38 @@ fn a_vehicle_is_armed_on_checks_of_that_moment() {
     assert_eq!(count(&flight, "refuses to be armed: MAVLink result 4"), 1, "{:?}", flight.said);
 
     // Nor is an order to arm that was not answered repeated.
-    let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 1000, ..KinematicOptions::default() }, 0.0);
-    flight.answer_loss = 1.0;
-    flight.until(60.0, |flight| arms(flight) >= 2);
-    flight.says_battery = Some(Telemetry::Battery(Some(0.05)));
-    flight.advance(2.0);
+    let unanswered = || {
+        let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 1000, ..KinematicOptions::default() }, 0.0);
+        flight.answer_loss = 1.0;
+        flight.until(60.0, |flight| arms(flight) >= 2);
+        flight
+    };
+    let mut flight = unanswered();
+    assert!(flight.bridge.control(0).was_armed(), "its order may be on its way");
+    flight.says_no_position = true;
+    flight.advance(4.0);
     flight.orders.clear();
     flight.advance(30.0);
-    assert_eq!(arms(&flight), 0);
-    flight.says_battery = None;
+    assert_eq!((arms(&flight), flight.bridge.control(0).missing()), (0, Some("to know its position")));
+    assert!((2..6).contains(&count(&flight, "waiting for it to know its position")), "{:?}", flight.said);
+    flight.says_no_position = false;
     flight.advance(10.0);
     assert!(arms(&flight) > 0);
+    let mut flight = unanswered();
+    flight.says_battery = Some(Telemetry::Battery(Some(0.05)));
+    flight.advance(30.0);
+    let refusal = flight.bridge.check_flyable().unwrap_err().why.to_string();
+    assert!(refusal.contains("its battery is at 5 %"), "{refusal}");
+}
+
+#[test]
+fn a_vehicle_that_does_not_fly_to_its_start_returns() {
+    let mut flight = flight_over(AutopilotKind::ArduPilot);
+    flight.refused = Some(192);
+    flight.advance(500.0);
+    assert!(flight.copter.is_in_air() && flight.copter.mode == CopterMode::Guided, "{:?}", flight.said);
+    flight.until(300.0, |flight| flight.bridge.has_landed());
+    assert_eq!(count(&flight, "returns: it does not reach its start within 600 s"), 1, "{:?}", flight.said);
 }
 
 #[test]
@@ -333,7 +355,7 @@ fn a_return_that_is_lost_is_ordered_again() {
 fn a_vehicle_that_is_not_heard_in_flight_is_left_to_its_dead_man_switch() {
     let mut flight = hovering(AutopilotKind::ArduPilot);
     flight.fly_slot(1, Some(plan(50.0, 62.0)));
-    let is_left = |flight: &ClosedLoop| flight.bridge.control(0).is_to_come_home(flight.now_s);
+    let is_left = |flight: &ClosedLoop| flight.bridge.control(0).heartbeats(flight.now_s) == Heartbeats::Withheld;
     flight.frozen = Some(Vec::new());
     flight.advance(8.0);
     assert!(!is_left(&flight));

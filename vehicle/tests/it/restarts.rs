@@ -1,14 +1,16 @@
 //! Bridges after another: a bridge that was restarted in a run, and a run that was stopped and is resumed.
 
-use skysink_common::message::{Mode, SensorNode};
+use skysink_common::geodata::projection::Projection;
+use skysink_common::geometry::Position;
+use skysink_common::message::{HoldReason, Mode, Plan, SensorNode};
 use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
 use skysink_vehicle::bridge::{Bridge, start};
-use skysink_vehicle::control::Phase;
+use skysink_vehicle::control::{Heartbeats, Phase};
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::preflight::Beginning;
-use skysink_vehicle::telemetry::{Order, Telemetry};
+use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
 
 use crate::flight::{ClosedLoop, HOME, RESTARTED, plan, scenario};
 use crate::pilot::{assert_left_alone, count, flight_over, hovering};
@@ -21,6 +23,7 @@ fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
     for beginning in [Beginning::Resumed, RESTARTED] {
         let reports = before.reports.clone();
         let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
+        flight.bridge.leave(0); // one that was taken over before it landed
         flight.advance(60.0);
         assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
         assert_eq!(count(&flight, "was down before, and stays down"), 1);
@@ -99,7 +102,7 @@ fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
         (2, "it is not ready 150 s after another: no slot is flown")
     );
     // So does one that must not be flown, unless another is in flight.
-    assert_eq!(bridge_after(Beginning::New).refuse(1, "two of them".to_owned()).unwrap_err().number, 2);
+    assert_eq!(bridge_after(Beginning::New).refuse(1, "two of them".to_owned(), 0.0).unwrap_err().number, 2);
     // In the middle it goes on without the other.
     flight.bridge = bridge_after(RESTARTED);
     flight.advance(120.0);
@@ -110,7 +113,8 @@ fn a_vehicle_does_not_wait_for_ever_for_another_that_is_not_heard() {
     flight.bridge.return_home("the mission is over", flight.now_s);
     flight.until(120.0, |flight| !flight.bridge.is_heard());
     assert!(!flight.copter.is_armed && !flight.bridge.has_landed() && !flight.bridge.is_homebound());
-    flight.bridge.refuse(1, "two of them".to_owned()).unwrap();
+    let now_s = flight.now_s;
+    flight.bridge.refuse(1, "two of them".to_owned(), now_s).unwrap();
     assert_eq!(flight.bridge.control(1).phase(), Phase::TakenOver, "it may be in the air");
 }
 
@@ -134,7 +138,8 @@ fn a_vehicle_in_the_air_is_adopted_after_the_checks_of_a_take_off() {
     for (battery, dead_man, away_m) in [(0.04, 1.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 30_000.0)] {
         let refused = adopted(Beginning::Resumed, battery, dead_man, away_m);
         assert_eq!(refused, (false, true, [false; 2]), "{battery} {dead_man} {away_m}");
-        // After a restart it is sent home, unless it is so far away that it may be another.
+        // After a restart it is sent home, unless it is so far away that it may be another, which its dead-man switch has
+        // to bring home.
         let is_far = away_m > 0.0;
         let ended = adopted(RESTARTED, battery, dead_man, away_m);
         assert_eq!(ended, (false, false, [is_far, !is_far]), "{battery} {dead_man} {away_m}");
@@ -166,8 +171,10 @@ fn a_takeover_outlives_the_bridge() {
     before.advance(2.5);
     assert_eq!(before.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Return);
     let mut flight = restarted(&before, RESTARTED);
+    flight.bridge.leave(0); // by the file of those that were taken over
     flight.copter.mode = CopterMode::Guided; // handed to another ground station
     assert_left_alone(&mut flight, "restarted");
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Due);
 }
 
 #[test]
@@ -182,5 +189,217 @@ fn a_run_that_ends_while_a_restarted_bridge_checks_sends_the_vehicle_home() {
         flight.bridge.return_home("the run is stopped", now_s);
         flight.until(120.0, |flight| flight.bridge.has_landed());
         assert!(!flight.copter.is_armed, "{:?}", flight.said);
+    }
+}
+
+#[test]
+fn a_planned_return_ends_no_mission() {
+    for beginning in [RESTARTED, Beginning::Resumed] {
+        let mut before = hovering(AutopilotKind::ArduPilot);
+        let returns = Plan { mode: Mode::Return as u32, ..plan(50.0, 62.0) };
+        assert_eq!(before.fly_slot(1, Some(returns)).flown_mode(), Mode::Transit);
+        let mut flight = restarted(&before, beginning);
+        flight.advance(20.0);
+        assert_eq!(flight.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Serve, "{:?}", flight.said);
+    }
+}
+
+#[test]
+fn a_return_goes_on_under_the_next_bridge_unless_others_fly_the_vehicle() {
+    let going_home = |is_accepted: bool| {
+        let mut before = hovering(AutopilotKind::ArduPilot);
+        before.refused = (!is_accepted).then_some(20);
+        let now_s = before.now_s;
+        before.bridge.return_home("its battery is low", now_s);
+        assert_eq!(before.fly_slot(1, None).flown_mode(), Mode::Return);
+        before
+    };
+    for is_accepted in [false, true] {
+        let before = going_home(is_accepted);
+        assert_eq!(before.copter.mode == CopterMode::Return, is_accepted);
+        let mut flight = restarted(&before, RESTARTED);
+        assert!(flight.bridge.has_begun(), "the slots go on");
+        assert_eq!(flight.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Return);
+        flight.until(150.0, |flight| flight.bridge.has_landed());
+        let returns = flight.orders.iter().filter(|(_, order)| *order == Order::Return).count();
+        assert_eq!((returns, flight.orders.len()), if is_accepted { (0, 0) } else { (1, 1) }, "{:?}", flight.orders);
+        assert!(!flight.copter.is_armed && flight.bridge.taken_over().is_empty(), "{:?}", flight.said);
+    }
+    let mut flight = restarted(&going_home(true), RESTARTED);
+    flight.copter.change_to(CopterMode::Loiter);
+    assert_left_alone(&mut flight, "a pilot has stopped the return");
+    // Before slot 1 of a run that is resumed, too: it has landed, and its mission is over.
+    let mut before = going_home(true);
+    before.until(150.0, |before| !before.copter.is_armed);
+    let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
+    flight.advance(20.0);
+    assert!(flight.bridge.has_landed() && flight.bridge.check_flyable().is_ok() && flight.orders.is_empty());
+}
+
+/// A bridge over the vehicles of a fleet of two, at (50, 50) and (60, 50).
+fn fleet(beginning: Beginning, keys: &str) -> Bridge {
+    let both = "uav.count = 2\nuav.coordination = 'partition'\nuav.starts_m = [[50.0, 50.0], [60.0, 50.0]]\n";
+    let both = scenario(&format!("{both}{keys}"));
+    Bridge::new(&both, &[SensorNode::default()], AreaFrame::at(HOME), &start(&both), beginning, &[255, 255])
+}
+
+/// Lets the vehicle number `uav` say where it is: at `at_m` [m], in this mode of ArduPilot.
+fn speak(bridge: &mut Bridge, uav: usize, at_m: [f64; 3], mode: u32, is_armed: bool, now_s: f64) {
+    let place = Projection::at(HOME).unproject(&Position::new(at_m[0], at_m[1])).unwrap();
+    let fix = Fix {
+        lat_deg: place.lat_deg,
+        lon_deg: place.lon_deg,
+        above_home_m: at_m[2],
+        above_sea_m: at_m[2] + 488.0,
+        velocity_mps: [0.0; 3],
+        heading_deg: f64::INFINITY,
+        boot_s: now_s,
+    };
+    for telemetry in [
+        Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode, is_armed, is_booting: false },
+        Telemetry::Position(fix),
+        Telemetry::Battery(Some(0.9)),
+        Telemetry::InAir(at_m[2] > 1.0),
+        Telemetry::Parameter { name: "FS_GCS_ENABLE".to_owned(), value: 1.0, is_integer: false },
+    ] {
+        bridge.hear(uav, &telemetry, now_s);
+    }
+}
+
+/// GUIDED and LOITER.
+const GUIDED: u32 = 4;
+const LOITER: u32 = 5;
+
+/// Polls the bridge ten times in a second from `now_s` [s] on, after what `speaks` lets its vehicles say. Returns the
+/// orders.
+fn run(bridge: &mut Bridge, seconds: f64, now_s: &mut f64, speaks: impl Fn(&mut Bridge, f64)) -> Vec<(usize, Order)> {
+    let mut orders = Vec::new();
+    for _ in 0..(seconds * 10.0) as u32 {
+        *now_s += 0.1;
+        speaks(bridge, *now_s);
+        let _ = bridge.poll(*now_s, |uav, order| orders.push((uav, *order)), |_, _| {});
+    }
+    orders.retain(|(_, order)| order.command().is_some());
+    orders
+}
+
+#[test]
+fn a_vehicle_that_the_bridge_gives_up_in_the_air_gets_no_heartbeats() {
+    let (mut bridge, mut now_s) = (fleet(RESTARTED, ""), 0.0);
+    let both_fly = |bridge: &mut Bridge, now_s| {
+        speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
+        speak(bridge, 1, [60.0, 50.0, 20.0], GUIDED, true, now_s);
+    };
+    run(&mut bridge, 5.0, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s));
+    bridge.refuse(1, "two of them".to_owned(), now_s).unwrap();
+    let orders = run(&mut bridge, 5.0, &mut now_s, both_fly);
+    assert!(orders.iter().all(|(uav, _)| *uav == 0), "{orders:?}");
+    let heartbeats = |bridge: &Bridge, now_s| [0, 1].map(|uav| bridge.control(uav).heartbeats(now_s));
+    assert_eq!(heartbeats(&bridge, now_s), [Heartbeats::Due, Heartbeats::Withheld]);
+    run(&mut bridge, 2.0, &mut now_s, |bridge, now_s| {
+        both_fly(bridge, now_s);
+        speak(bridge, 1, [60.0, 50.0, 20.0], LOITER, true, now_s + 0.01);
+        speak(bridge, 1, [60.0, 50.0, 20.0], LOITER, true, now_s + 0.02);
+    });
+    assert_eq!(heartbeats(&bridge, now_s), [Heartbeats::Due; 2], "a pilot flies it");
+
+    // So far away, it may be another vehicle; a slot away, it is not.
+    for (away_m, of_it) in [(540.0, Heartbeats::Due), (600.0, Heartbeats::Withheld)] {
+        let (mut bridge, mut now_s) = (fleet(RESTARTED, ""), 0.0);
+        run(&mut bridge, 5.0, &mut now_s, |bridge, now_s| {
+            speak(bridge, 1, [60.0, 50.0 + away_m, 20.0], GUIDED, true, now_s);
+        });
+        assert_eq!(bridge.control(1).heartbeats(now_s), of_it, "{away_m} m");
+    }
+}
+
+#[test]
+fn heartbeats_stop_where_a_resumed_run_does_not_hear_its_vehicle() {
+    for beginning in [Beginning::Resumed, RESTARTED] {
+        let (mut bridge, mut now_s) = (fleet(beginning, ""), 0.0);
+        let of_both = |bridge: &Bridge, now_s| [0, 1].map(|uav| bridge.control(uav).heartbeats(now_s));
+        run(&mut bridge, 1.0, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s));
+        assert_eq!(of_both(&bridge, now_s), [Heartbeats::Due; 2]);
+        run(&mut bridge, 14.0, &mut now_s, |_, _| {});
+        assert_eq!(of_both(&bridge, now_s), [Heartbeats::Withheld; 2], "{beginning:?}");
+        run(&mut bridge, 15.1, &mut now_s, |_, _| {});
+        assert_eq!(of_both(&bridge, now_s), [Heartbeats::Withheld, Heartbeats::Due], "never heard, it is called");
+    }
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.copter.change_to(CopterMode::Land);
+    flight.until(100.0, |flight| flight.bridge.has_landed());
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Idle);
+}
+
+#[test]
+fn a_vehicle_that_must_not_fly_keeps_no_other_from_returning() {
+    let (mut bridge, mut now_s) = (fleet(Beginning::Resumed, ""), 0.0);
+    let speaks = |bridge: &mut Bridge, now_s| {
+        speak(bridge, 1, [60.0, 50.0, 20.0], LOITER, true, now_s); // which is refused again and again
+        speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
+    };
+    run(&mut bridge, 3.0, &mut now_s, speaks);
+    assert_eq!(bridge.poll(now_s, |_, _| {}, |_, _| {}).unwrap_err().number, 2);
+    bridge.return_home("the bridge ends", now_s);
+    let orders = run(&mut bridge, 2.0, &mut now_s, speaks);
+    assert!(orders.contains(&(0, Order::Return)) && orders.iter().all(|(uav, _)| *uav == 0), "{orders:?}");
+}
+
+#[test]
+fn a_vehicle_that_is_refused_while_its_order_to_arm_is_under_way_is_sent_home() {
+    let on_ground = |is_armed: [bool; 2]| {
+        move |bridge: &mut Bridge, now_s: f64| {
+            speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, is_armed[0], now_s);
+            speak(bridge, 1, [60.0, 50.0, 0.0], GUIDED, is_armed[1], now_s);
+        }
+    };
+    // One that has refused the order stays on the ground.
+    for (answer, phase) in [(None, Phase::Returning), (Some(4), Phase::Landed)] {
+        let (mut bridge, mut now_s) = (fleet(Beginning::New, ""), 0.0);
+        let orders = run(&mut bridge, 6.0, &mut now_s, on_ground([false; 2]));
+        assert!([0, 1].iter().all(|uav| orders.contains(&(*uav, Order::Arm))), "{orders:?}");
+        for (uav, result) in [(0, Some(0)), (1, answer)] {
+            result.into_iter().for_each(|result| bridge.hear(uav, &Telemetry::Answer { command: 400, result }, now_s));
+        }
+        bridge.refuse(1, "two of them".to_owned(), now_s).unwrap();
+        assert_eq!((bridge.control(1).phase(), bridge.control(1).was_armed()), (phase, answer.is_none()));
+        let orders = run(&mut bridge, 3.0, &mut now_s, on_ground([true, answer.is_none()]));
+        assert_eq!(orders.contains(&(1, Order::Return)), answer.is_none(), "{orders:?}");
+        assert!(orders.iter().all(|(uav, order)| *uav == 0 || *order == Order::Return), "{orders:?}");
+    }
+}
+
+#[test]
+fn a_vehicle_in_the_air_that_does_not_pass_the_checks_returns() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.dead_man = None;
+    flight.advance(140.0);
+    assert_eq!((flight.copter.mode, flight.orders.len()), (CopterMode::Guided, 0));
+    flight.until(150.0, |flight| flight.bridge.has_landed());
+    assert_eq!(count(&flight, "returns: the bridge has waited 150 s for it to say what it does when"), 1);
+}
+
+#[test]
+fn a_vehicle_keeps_clear_of_where_a_silent_one_was_sent() {
+    for (keys, is_refused) in [("uav.separation_m = 6.0\n", true), ("", false)] {
+        let (mut bridge, mut now_s) = (fleet(RESTARTED, keys), 0.0);
+        let first = |bridge: &mut Bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
+        let both = |bridge: &mut Bridge, now_s| {
+            first(bridge, now_s);
+            speak(bridge, 1, [60.0, 50.0, 20.0], GUIDED, true, now_s);
+        };
+        run(&mut bridge, 10.0, &mut now_s, both);
+        let mut reports = start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n"));
+        // The link of the second is lost while it flies to (70, 50).
+        for (slot, ends) in [(1, [[50.0, 50.0], [70.0, 50.0]]), (2, [[66.0, 51.0], [60.0, 50.0]])] {
+            bridge.await_plan();
+            bridge.fly(&ends.map(|[x_m, y_m]| Plan::fly_to([x_m, y_m, 20.0], Mode::Serve)), now_s);
+            run(&mut bridge, 6.0, &mut now_s, first);
+            bridge.end(slot, &mut reports, now_s);
+            let hold = if slot == 2 && is_refused { HoldReason::Separation } else { HoldReason::None };
+            assert_eq!(reports[0].hold, hold as u32, "slot {slot}, {keys:?}");
+        }
     }
 }
