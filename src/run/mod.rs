@@ -146,7 +146,7 @@ impl RunCommand {
 /// Whether the bridge has left a vehicle to others.
 #[cfg(feature = "mavlink")]
 fn is_taken_over(ring: &RingFolder) -> bool {
-    ring.path().join(skysink_vehicle::node::TAKEN_OVER).exists()
+    ring.path().join(skysink_vehicle::saved::TAKEN_OVER).exists()
 }
 
 /// Whether the bridge has left a vehicle to others: there is none.

@@ -4,17 +4,18 @@
 //! bridge do not explain ends them ([`crate::takeover`]), and a doubt holds them back.
 
 mod answers;
+mod beginning;
 mod flight;
 
 pub use answers::Heartbeats;
 
 use nalgebra::Point3;
 
-use crate::autopilot::{AutopilotKind, ModeMeaning};
+use crate::autopilot::AutopilotKind;
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Beginning, Clearance, Preflight, PreflightRefusal};
+use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::said::Said;
 use crate::state::VehicleState;
 use crate::takeover::Takeover;
@@ -41,9 +42,6 @@ const SETTLED_S: f64 = 0.3;
 
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
-
-/// Time after which a vehicle that an earlier bridge has left in the air returns if it has not passed the checks [s].
-const CHECKS_S: f64 = 150.0;
 
 /// Time after which a flight to the start that does not end is given up [s].
 const TO_START_S: f64 = 600.0;
@@ -169,42 +167,6 @@ impl VehicleControl {
         }
     }
 
-    /// Leaves a vehicle alone that was taken over before this bridge began, or that had ended its mission in the run that
-    /// is resumed.
-    pub fn leave(&mut self) {
-        if self.phase == Phase::Preflight {
-            self.is_left = true;
-            self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
-            self.is_abandoned = self.assignment.beginning == Beginning::Resumed; // the run before has ended
-            self.give_up("it was, or has returned, before this bridge began");
-        }
-    }
-
-    /// Sends a vehicle home that was on its way home before this bridge began, unless others fly it by now.
-    pub fn go_on_home(&mut self) {
-        self.has_begun = true;
-        self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
-    }
-
-    /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
-    /// orders, and no heartbeats.
-    pub fn refuse(&mut self, why: &str, now_s: f64) {
-        if self.takeover.is_arming() {
-            self.return_home(why, now_s);
-        } else if self.assignment.beginning == Beginning::New || self.takeover.has_been_disarmed() {
-            self.said.say(format!("is not armed: {why}"));
-            self.land(why);
-        } else {
-            self.is_abandoned = true;
-            self.give_up(why);
-        }
-    }
-
-    /// Never arms it: a bridge before has.
-    pub fn note_armed_before(&mut self) {
-        self.assignment.was_armed = true;
-    }
-
     /// Whether it has been armed by an order of this bridge or of one before, as far as is known: it may be on its way.
     pub fn was_armed(&self) -> bool {
         self.assignment.was_armed || self.takeover.is_arming()
@@ -218,23 +180,6 @@ impl VehicleControl {
     /// Whether it flies to the waypoints of plans, as far as is known.
     pub fn follows_plans(&self, now_s: f64) -> bool {
         self.phase == Phase::Flying && !self.has_refused && self.has_current_position(now_s)
-    }
-
-    /// Leaves a vehicle on the ground that had ended its mission there, under an earlier bridge.
-    pub fn stay_down(&mut self) {
-        self.has_begun = true;
-        self.said.say("was down before, and stays down".to_owned());
-        self.land("it was down before");
-    }
-
-    /// Says that the mission goes on without it, unless it is ready after all.
-    pub fn leave_behind(&mut self) {
-        self.said.say("is not ready: the mission goes on without it until it is".to_owned());
-    }
-
-    /// Lets it be armed, as soon as it is checked itself.
-    pub fn allow_arming(&mut self) {
-        self.may_arm = true;
     }
 
     /// Believes nothing that was heard before: the bridge was stopped meanwhile.
@@ -404,68 +349,6 @@ impl VehicleControl {
         let is_heard = !self.is_lost && !self.vehicle.is_in_doubt();
         if self.is_blind && !was_blind && is_heard && self.phase == Phase::Flying {
             self.said.say("does not say where it is any more: it gets no waypoints meanwhile".to_owned());
-        }
-    }
-
-    /// Checks whether the vehicle may take off, or is in the air already.
-    fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        if self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) {
-            let since_s = *self.checked_since_s.get_or_insert(now_s);
-            let missing = self.preflight.missing.filter(|_| now_s - since_s > CHECKS_S);
-            let late = missing.map(|missing| format!("the bridge has waited {CHECKS_S} s for it {missing}"));
-            if let Some(why) = self.awaited_return.take().or(late) {
-                self.return_home(&why, now_s);
-                return Ok(());
-            }
-        }
-        if self.awaited_return.is_some() && self.is_of_earlier_bridge(ModeMeaning::Returns) {
-            self.watch_return();
-            return Ok(());
-        }
-        let position = self.position().filter(|_| self.has_current_position(now_s));
-        let Self { preflight, vehicle, takeover, assignment, .. } = self;
-        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders)?;
-        if self.takeover.has_been_disarmed()
-            && let Some(why) = self.awaited_return.take()
-        {
-            self.land(&why);
-            return Ok(());
-        }
-        match clearance {
-            Clearance::Wait(missing) => self.await_missing(missing, now_s),
-            Clearance::GiveUp(why) => self.give_up(&why),
-            Clearance::Arm => {
-                if !std::mem::replace(&mut self.has_said_checked, true) {
-                    self.say_findings();
-                    self.said.say("is checked: arming".to_owned());
-                }
-                self.phase = Phase::Arming;
-                self.retry_s = now_s;
-            }
-            Clearance::FlyOn { mode } => {
-                self.say_findings();
-                self.said.say("is in the air: flying on".to_owned());
-                self.takeover.adopt(mode);
-                let is_low =
-                    self.vehicle.fix().is_some_and(|fix| fix.above_home_m < self.assignment.start.z - CLIMBED_M);
-                if self.assignment.beginning == (Beginning::Restarted { in_mission: false }) && is_low {
-                    self.phase = Phase::TakeOff; // which goes on
-                } else {
-                    self.fly(now_s);
-                }
-            }
-            Clearance::Return(why) => self.return_home(&why, now_s),
-            Clearance::Abandon(why) => {
-                self.is_abandoned = true;
-                self.give_up(&why);
-            }
-        }
-        Ok(())
-    }
-
-    fn say_findings(&mut self) {
-        for line in self.preflight.findings(&self.vehicle) {
-            self.said.say(line);
         }
     }
 

@@ -15,6 +15,7 @@ pub mod node;
 pub mod outbox;
 pub mod preflight;
 pub mod said;
+pub mod saved;
 pub mod state;
 pub mod takeover;
 pub mod telemetry;

@@ -1,6 +1,6 @@
 //! The bridge as a process of the ring: takes the plans, and publishes where the vehicles are at the end of each slot.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -22,8 +22,9 @@ use skysink_ring::wait::WaitContext;
 use crate::bridge::{Bridge, VehicleRefusal, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
-use crate::link::{ChosenVehicle, Link};
+use crate::link::Link;
 use crate::preflight::Beginning;
+use crate::saved::SavedVehicles;
 use crate::telemetry::Order;
 use crate::wire::{WireAddress, check_addresses};
 
@@ -57,12 +58,6 @@ const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Least distance between the starts of two vehicles [m].
 const STARTS_APART_M: f64 = 5.0;
-
-/// The file of the ring with the vehicles that are chosen.
-const CHOSEN: &str = "vehicles.json";
-
-/// The file of the ring that is there once a vehicle was taken over.
-pub const TAKEN_OVER: &str = "taken-over.json";
 
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
 const HEARTBEAT_S: f64 = 0.25;
@@ -127,13 +122,8 @@ struct BridgeProcess<S: Service + 'static> {
     polled: Instant,
     /// Until when messages may have waited while the bridge was suspended.
     stale_until: Option<Instant>,
-    /// The vehicles that are chosen, as they were saved, and where.
-    chosen: Vec<Option<ChosenVehicle>>,
-    chosen_file: PathBuf,
-    /// The numbers of the vehicles that were taken over, as they were saved, and where.
-    taken_over: Vec<usize>,
-    taken_over_file: PathBuf,
-    has_said_unsaved: bool,
+    /// What is known of the vehicles, for the bridge after this one.
+    saved: SavedVehicles,
     /// Of the vehicles, for people.
     addresses: String,
 }
@@ -163,14 +153,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let [chosen_file, taken_over_file] = [CHOSEN, TAKEN_OVER].map(|name| folder.path().join(name));
-        let (mut before, mut taken_over) = (Vec::<Option<ChosenVehicle>>::new(), Vec::<usize>::new());
-        if ring.restarts > 0 {
-            let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
-            before = serde_json::from_str(&read(&chosen_file)).unwrap_or_default();
-            taken_over = serde_json::from_str(&read(&taken_over_file)).unwrap_or_default();
-            link.name(&before);
-        }
+        let saved = SavedVehicles::of(folder.path(), ring.restarts > 0);
+        link.name(saved.chosen());
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
         // The journal of a run that is resumed begins with one slot.
@@ -183,9 +167,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let frame = AreaFrame::at(origin);
         let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
-        let is_armed = |(uav, vehicle): (usize, &Option<ChosenVehicle>)| vehicle.filter(|it| it.was_armed).map(|_| uav);
-        before.iter().enumerate().filter_map(is_armed).for_each(|uav| bridge.note_armed_before(uav));
-        taken_over.iter().for_each(|number| bridge.leave(number - 1));
+        saved.armed().filter(|uav| *uav < uavs).for_each(|uav| bridge.note_armed_before(uav));
+        saved.taken_over().filter(|uav| *uav < uavs).for_each(|uav| bridge.leave(uav));
         Ok(Self {
             bridge,
             most_links: uavs * nodes.payload().len(),
@@ -201,11 +184,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             latencies: OrderLatencies::default(),
             polled: Instant::now(),
             stale_until: None,
-            chosen: Vec::new(),
-            chosen_file,
-            taken_over,
-            taken_over_file,
-            has_said_unsaved: false,
+            saved,
             addresses: list(addresses),
         })
     }
@@ -326,44 +305,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         self.exchange()
     }
 
-    /// Saves which vehicles were taken over, for the launcher: such a run is not to be resumed.
-    fn save_taken_over(&mut self) {
-        let known = self.taken_over.len();
-        let new = self.bridge.taken_over().into_iter().filter(|number| !self.taken_over.contains(number));
-        self.taken_over.extend(new.collect::<Vec<_>>());
-        if self.taken_over.len() > known {
-            // Without it, the launcher offers to resume the run.
-            let saved = write_whole(&self.taken_over_file, &self.taken_over);
-            self.say_unsaved(TAKEN_OVER, saved);
-        }
-    }
-
-    /// Saves which vehicles are chosen, and have been armed, for the bridge after this one. Returns whether that is saved.
-    fn save_chosen(&mut self) -> bool {
-        let chosen = self.link.chosen(|uav| self.bridge.control(uav).was_armed());
-        if chosen != self.chosen {
-            let saved = write_whole(&self.chosen_file, &chosen);
-            if self.say_unsaved(CHOSEN, saved) {
-                self.chosen.clone_from(&chosen);
-            }
-        }
-        chosen == self.chosen
-    }
-
-    /// Says once that a file cannot be written. Returns whether it was.
-    fn say_unsaved(&mut self, name: &str, saved: std::io::Result<()>) -> bool {
-        if let Err(error) = &saved
-            && !std::mem::replace(&mut self.has_said_unsaved, true)
-        {
-            Role::FlightSim.log(format_args!("{name} cannot be written: {error}: no vehicle is armed meanwhile"));
-        }
-        saved.is_ok()
-    }
-
     /// Takes in what the chosen vehicles say, sends what is due, and notes who was taken over.
     fn exchange(&mut self) -> Result<(), NodeError> {
         let exchanged = self.exchange_messages();
-        self.save_taken_over();
+        self.saved.save_taken_over(&self.bridge.taken_over());
         exchanged
     }
 
@@ -399,7 +344,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut orders = Vec::new();
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
         let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
-        let is_saved = self.save_chosen(); // before the order to arm, which the next bridge has to know of
+        let chosen = self.link.chosen(|uav| self.bridge.control(uav).was_armed());
+        let is_saved = self.saved.save_chosen(chosen); // before the order to arm, which the next bridge has to know of
         let sent = orders.iter().filter(|(_, order)| is_saved || *order != Order::Arm);
         sent.for_each(|(uav, order)| self.link.send(*uav, order));
         polled.map_err(|refused| refusal(&refused))
@@ -504,13 +450,6 @@ fn check_apart(scenario: &Scenario, slot: u64, reports: &[FlightReport]) -> Resu
         }
         None => Ok(()),
     }
-}
-
-/// Writes a file whole or, if that fails, not at all.
-fn write_whole(path: &Path, content: &impl serde::Serialize) -> std::io::Result<()> {
-    let new = path.with_extension("new");
-    let text = serde_json::to_string(content).expect("numbers and addresses are JSON");
-    std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path))
 }
 
 fn refusal(refused: &VehicleRefusal) -> NodeError {

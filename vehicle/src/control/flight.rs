@@ -5,7 +5,7 @@ use skysink_flight_sim::outside::REACHED_M;
 
 use super::{CLIMB_S, CLIMBED_M, DISARMED_S, HOVER_MPS, Phase, RETRY_S, TO_START_S, VehicleControl};
 use crate::autopilot::ModeMeaning;
-use crate::preflight::{Beginning, PreflightRefusal};
+use crate::preflight::Beginning;
 use crate::telemetry::{GlobalTarget, Order};
 
 impl VehicleControl {
@@ -44,41 +44,6 @@ impl VehicleControl {
         if now_s >= self.retry_s && !self.vehicle.is_in_doubt() && !self.outbox.has(&order) {
             self.retry_s = now_s + RETRY_S;
             self.outbox.send(order, now_s);
-        }
-    }
-
-    /// Checks whether the checks before take-off hold now: they may be minutes old. Otherwise it waits for what is missing,
-    /// or is left on the ground; after an order to arm, it gets no other.
-    fn check_again(&mut self, now_s: f64, orders: &mut Vec<Order>) {
-        let position = self.position().filter(|_| self.has_current_position(now_s));
-        let checked = self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders);
-        self.is_checked = checked == Ok(None);
-        match checked {
-            Ok(Some(_)) if !self.takeover.is_arming() => {
-                self.outbox.clear();
-                self.phase = Phase::Preflight; // which says what is missing
-                self.may_arm = false;
-            }
-            Ok(Some(missing)) => self.await_missing(missing, now_s),
-            Ok(None) => self.preflight.missing = None,
-            Err(PreflightRefusal(why)) if !self.takeover.is_arming() || self.has_ignored_arming(now_s) => {
-                self.said.say(format!("is not armed: {why}"));
-                self.land(&why);
-            }
-            Err(_) => {}
-        }
-    }
-
-    /// Whether the last order to arm has had no effect, nor an answer.
-    fn has_ignored_arming(&self, now_s: f64) -> bool {
-        self.takeover.armed_s().is_none() && !self.may_still_arm(now_s) && self.vehicle.says_disarmed()
-    }
-
-    /// Says from time to time what the vehicle is waited for.
-    pub(super) fn await_missing(&mut self, missing: &'static str, now_s: f64) {
-        self.preflight.missing = Some(missing);
-        if self.preflight.is_line_due(now_s) {
-            self.said.say(format!("waiting for it {missing}"));
         }
     }
 
@@ -215,24 +180,8 @@ impl VehicleControl {
     }
 
     /// Whether an order to arm may still be on its way, or its effect.
-    fn may_still_arm(&self, now_s: f64) -> bool {
+    pub(super) fn may_still_arm(&self, now_s: f64) -> bool {
         now_s - self.arming_s < DISARMED_S
-    }
-
-    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it, in such a mode.
-    pub(super) fn is_of_earlier_bridge(&self, meaning: ModeMeaning) -> bool {
-        let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
-        let is_near = self.assignment.is_near(self.position());
-        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
-    }
-
-    /// Waits for the landing of a vehicle that is on its way home.
-    pub(super) fn watch_return(&mut self) {
-        self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
-        self.takeover.order(&Order::Return); // that of the bridge before
-        self.said.say("is on its way home".to_owned());
-        self.note_end("it has returned");
-        self.phase = Phase::Returning;
     }
 
     /// Notices the landing, and who stops the return; orders it again if it has no effect.

@@ -1,0 +1,177 @@
+//! How the mission of a vehicle begins: the checks before it is armed, and what an earlier bridge has left.
+
+use super::{CLIMBED_M, Phase, VehicleControl};
+use crate::autopilot::ModeMeaning;
+use crate::preflight::{Beginning, Clearance, PreflightRefusal};
+use crate::telemetry::Order;
+
+/// Time after which a vehicle that an earlier bridge has left in the air returns if it has not passed the checks [s].
+const CHECKS_S: f64 = 150.0;
+
+impl VehicleControl {
+    /// Leaves a vehicle alone that was taken over before this bridge began, or that had ended its mission in the run that
+    /// is resumed.
+    pub fn leave(&mut self) {
+        if self.phase == Phase::Preflight {
+            self.is_left = true;
+            self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
+            self.is_abandoned = self.assignment.beginning == Beginning::Resumed; // the run before has ended
+            self.give_up("it was, or has returned, before this bridge began");
+        }
+    }
+
+    /// Sends a vehicle home that was on its way home before this bridge began, unless others fly it by now.
+    pub fn go_on_home(&mut self) {
+        self.has_begun = true;
+        self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
+    }
+
+    /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
+    /// orders, and no heartbeats.
+    pub fn refuse(&mut self, why: &str, now_s: f64) {
+        if self.takeover.is_arming() {
+            self.return_home(why, now_s);
+        } else if self.assignment.beginning == Beginning::New || self.takeover.has_been_disarmed() {
+            self.said.say(format!("is not armed: {why}"));
+            self.land(why);
+        } else {
+            self.is_abandoned = true;
+            self.give_up(why);
+        }
+    }
+
+    /// Never arms it: a bridge before has.
+    pub fn note_armed_before(&mut self) {
+        self.assignment.was_armed = true;
+    }
+
+    /// Leaves a vehicle on the ground that had ended its mission there, under an earlier bridge.
+    pub fn stay_down(&mut self) {
+        self.has_begun = true;
+        self.said.say("was down before, and stays down".to_owned());
+        self.land("it was down before");
+    }
+
+    /// Says that the mission goes on without it, unless it is ready after all.
+    pub fn leave_behind(&mut self) {
+        self.said.say("is not ready: the mission goes on without it until it is".to_owned());
+    }
+
+    /// Lets it be armed, as soon as it is checked itself.
+    pub fn allow_arming(&mut self) {
+        self.may_arm = true;
+    }
+
+    /// Checks whether the vehicle may take off, or is in the air already.
+    pub(super) fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
+        if self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) {
+            let since_s = *self.checked_since_s.get_or_insert(now_s);
+            let missing = self.preflight.missing.filter(|_| now_s - since_s > CHECKS_S);
+            let late = missing.map(|missing| format!("the bridge has waited {CHECKS_S} s for it {missing}"));
+            if let Some(why) = self.awaited_return.take().or(late) {
+                self.return_home(&why, now_s);
+                return Ok(());
+            }
+        }
+        if self.awaited_return.is_some() && self.is_of_earlier_bridge(ModeMeaning::Returns) {
+            self.watch_return();
+            return Ok(());
+        }
+        let position = self.position().filter(|_| self.has_current_position(now_s));
+        let Self { preflight, vehicle, takeover, assignment, .. } = self;
+        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders)?;
+        if self.takeover.has_been_disarmed()
+            && let Some(why) = self.awaited_return.take()
+        {
+            self.land(&why);
+            return Ok(());
+        }
+        match clearance {
+            Clearance::Wait(missing) => self.await_missing(missing, now_s),
+            Clearance::GiveUp(why) => self.give_up(&why),
+            Clearance::Arm => {
+                if !std::mem::replace(&mut self.has_said_checked, true) {
+                    self.say_findings();
+                    self.said.say("is checked: arming".to_owned());
+                }
+                self.phase = Phase::Arming;
+                self.retry_s = now_s;
+            }
+            Clearance::FlyOn { mode } => {
+                self.say_findings();
+                self.said.say("is in the air: flying on".to_owned());
+                self.takeover.adopt(mode);
+                let is_low =
+                    self.vehicle.fix().is_some_and(|fix| fix.above_home_m < self.assignment.start.z - CLIMBED_M);
+                if self.assignment.beginning == (Beginning::Restarted { in_mission: false }) && is_low {
+                    self.phase = Phase::TakeOff; // which goes on
+                } else {
+                    self.fly(now_s);
+                }
+            }
+            Clearance::Return(why) => self.return_home(&why, now_s),
+            Clearance::Abandon(why) => {
+                self.is_abandoned = true;
+                self.give_up(&why);
+            }
+        }
+        Ok(())
+    }
+
+    fn say_findings(&mut self) {
+        for line in self.preflight.findings(&self.vehicle) {
+            self.said.say(line);
+        }
+    }
+
+    /// Checks whether the checks before take-off hold now: they may be minutes old. Otherwise it waits for what is missing,
+    /// or is left on the ground; after an order to arm, it gets no other.
+    pub(super) fn check_again(&mut self, now_s: f64, orders: &mut Vec<Order>) {
+        let position = self.position().filter(|_| self.has_current_position(now_s));
+        let checked = self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders);
+        self.is_checked = checked == Ok(None);
+        match checked {
+            Ok(Some(_)) if !self.takeover.is_arming() => {
+                self.outbox.clear();
+                self.phase = Phase::Preflight; // which says what is missing
+                self.may_arm = false;
+            }
+            Ok(Some(missing)) => self.await_missing(missing, now_s),
+            Ok(None) => self.preflight.missing = None,
+            Err(PreflightRefusal(why)) if !self.takeover.is_arming() || self.has_ignored_arming(now_s) => {
+                self.said.say(format!("is not armed: {why}"));
+                self.land(&why);
+            }
+            Err(_) => {}
+        }
+    }
+
+    /// Whether the last order to arm has had no effect, nor an answer.
+    fn has_ignored_arming(&self, now_s: f64) -> bool {
+        self.takeover.armed_s().is_none() && !self.may_still_arm(now_s) && self.vehicle.says_disarmed()
+    }
+
+    /// Says from time to time what the vehicle is waited for.
+    fn await_missing(&mut self, missing: &'static str, now_s: f64) {
+        self.preflight.missing = Some(missing);
+        if self.preflight.is_line_due(now_s) {
+            self.said.say(format!("waiting for it {missing}"));
+        }
+    }
+
+    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it, in such a mode.
+    pub(super) fn is_of_earlier_bridge(&self, meaning: ModeMeaning) -> bool {
+        let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
+        let is_near = self.assignment.is_near(self.position());
+        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
+    }
+
+    /// Waits for the landing of a vehicle that is on its way home.
+    fn watch_return(&mut self) {
+        self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
+        self.takeover.order(&Order::Return); // that of the bridge before
+        self.said.say("is on its way home".to_owned());
+        self.note_end("it has returned");
+        self.phase = Phase::Returning;
+    }
+}
