@@ -179,9 +179,9 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                     events.push((*role, ProcessEvent::Restarted(count)));
                 }
                 Some(ProcessChange::Ended(status)) if is_expected(status) => {
-                    if *role == Role::FlightSim && !status.success() {
-                        progress.say(&format!("{} ended with {status} after the mission", role.name())); // vehicles return
-                    }
+                    let is_bridge_lost = *role == Role::FlightSim && !status.success(); // while the vehicles return
+                    let line = is_bridge_lost.then(|| format!("{} ended with {status} after the mission", role.name()));
+                    line.iter().for_each(|line| progress.say(line));
                 }
                 Some(ProcessChange::Ended(status)) => {
                     let exited = ProcessEvent::Exited(status.code().unwrap_or_default());

@@ -10,7 +10,7 @@ use skysink_common::slot_record::ByUav;
 use skysink_flight_sim::Fleet;
 use skysink_flight_sim::outside::{REACHED_M, mode_at_end};
 
-use crate::control::{Phase, VehicleControl};
+use crate::control::{Fate, History, Phase, VehicleControl};
 use crate::frame::AreaFrame;
 use crate::preflight::{Assignment, Beginning, PreflightRefusal};
 use crate::telemetry::{Order, Telemetry};
@@ -148,8 +148,7 @@ impl Bridge {
             let mut control = VehicleControl::new(assignment, frame);
             match (beginning, report.flown_mode()) {
                 (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Down) => control.stay_down(),
-                (Beginning::Resumed, Mode::Return) => control.leave(),
-                (Beginning::Restarted { .. }, Mode::Return) => control.go_on_home(),
+                (Beginning::Resumed, Mode::Return) => control.leave(true), // its run has ended
                 _ => {}
             }
             Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
@@ -187,7 +186,9 @@ impl Bridge {
         mut say: impl FnMut(usize, String),
     ) -> Result<(), VehicleRefusal> {
         self.check_patience(now_s)?;
-        if self.members.iter().all(|member| member.control.phase() != Phase::Preflight) {
+        let is_unchecked =
+            |Member { control, .. }: &Member| control.phase() == Phase::Preflight && control.fate() == Fate::Open;
+        if !self.members.iter().any(is_unchecked) {
             self.members.iter_mut().for_each(|member| member.control.allow_arming());
         }
         let mut orders = Vec::new();
@@ -202,9 +203,18 @@ impl Bridge {
         refused
     }
 
-    /// Leaves the vehicle of this number from 0 alone, which a bridge before has left to others.
-    pub fn leave(&mut self, uav: usize) {
-        self.members[uav].control.leave();
+    /// Goes on with the vehicles as the bridge before has left them, whose last reports were `reports`; of those without a
+    /// history nothing else is known.
+    pub fn go_on(&mut self, histories: impl Iterator<Item = History>, reports: &[FlightReport]) {
+        let histories = histories.chain(std::iter::repeat(History::default()));
+        for ((member, report), history) in self.members.iter_mut().zip(reports).zip(histories) {
+            member.control.go_on(history, report.flown_mode() == Mode::Return);
+        }
+    }
+
+    /// What the bridge after this one has to know of the vehicles.
+    pub fn histories(&self) -> impl Iterator<Item = History> {
+        self.members.iter().map(|member| member.control.history())
     }
 
     /// Flies without the vehicle of this number from 0, because of `why`.
@@ -218,11 +228,6 @@ impl Bridge {
         }
         self.members[uav].control.refuse(&why, now_s);
         Ok(())
-    }
-
-    /// Never arms the vehicle of this number from 0, which a bridge before has armed.
-    pub fn note_armed_before(&mut self, uav: usize) {
-        self.members[uav].control.note_armed_before();
     }
 
     /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
@@ -400,7 +405,7 @@ impl Bridge {
 impl Member {
     /// Whether it has not hovered at its start, but may yet.
     fn is_awaited(&self) -> bool {
-        let is_over = matches!(self.control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
+        let is_over = self.control.phase() == Phase::Landed || self.control.fate() != Fate::Open;
         !is_over && !self.control.has_begun()
     }
 

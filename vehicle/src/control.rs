@@ -7,7 +7,7 @@ mod answers;
 mod beginning;
 mod flight;
 
-pub use answers::Heartbeats;
+pub use answers::{Fate, Heartbeats, History};
 
 use nalgebra::Point3;
 
@@ -116,6 +116,8 @@ pub struct VehicleControl {
     checked_since_s: Option<f64>,
     /// Why it returns as soon as it is known to be in the air: its mission has ended before it was heard.
     awaited_return: Option<String>,
+    /// Whether that return was in effect before.
+    has_seen_return: bool,
     /// Whether the checks before take-off hold now.
     is_checked: bool,
     /// Whether it was said that it is checked.
@@ -158,6 +160,7 @@ impl VehicleControl {
             target: None,
             checked_since_s: None,
             awaited_return: None,
+            has_seen_return: false,
             is_checked: false,
             has_said_checked: false,
             has_repeated_return: false,
@@ -165,16 +168,6 @@ impl VehicleControl {
             may_arm: false,
             said: Said::default(),
         }
-    }
-
-    /// Whether it has been armed by an order of this bridge or of one before, as far as is known: it may be on its way.
-    pub fn was_armed(&self) -> bool {
-        self.assignment.was_armed || self.takeover.is_arming()
-    }
-
-    /// Where it was sent last [m].
-    pub fn target(&self) -> Option<Point3<f64>> {
-        self.target
     }
 
     /// Whether it flies to the waypoints of plans, as far as is known.

@@ -49,9 +49,6 @@ pub struct ChosenVehicle {
     pub system: u8,
     /// Its address, over UDP.
     pub address: Option<SocketAddr>,
-    /// Whether it has been armed by an order.
-    #[serde(default)]
-    pub was_armed: bool,
 }
 
 /// The vehicle of a UAV.
@@ -132,15 +129,13 @@ impl Link {
         self.budget = MOST_IN_A_POLL;
     }
 
-    /// The vehicles that are chosen, or were by the bridge before, by the numbers of their UAVs from 0, for which
-    /// `was_armed` says whether they have been armed by an order.
-    pub fn chosen(&self, was_armed: impl Fn(usize) -> bool) -> Vec<Option<ChosenVehicle>> {
-        let chosen = |(uav, route): (usize, &Route)| {
+    /// The vehicles that are chosen, or were by the bridge before, by UAV.
+    pub fn chosen(&self) -> impl Iterator<Item = Option<ChosenVehicle>> {
+        self.routes.iter().map(|route| {
             let address = |system| self.connections[route.connection].vehicles.address(system);
-            let new = |system| ChosenVehicle { system, address: address(system), was_armed: was_armed(uav) };
+            let new = |system| ChosenVehicle { system, address: address(system) };
             route.system.map(new).or(route.before)
-        };
-        self.routes.iter().enumerate().map(chosen).collect()
+        })
     }
 
     /// Where the vehicle of a UAV, by its number from 0, was waited for, if none is chosen.
@@ -151,12 +146,12 @@ impl Link {
 
     /// Names the vehicles that the bridge before has chosen. They get heartbeats where it has heard them, before they are
     /// heard again.
-    pub fn name(&mut self, chosen: &[Option<ChosenVehicle>]) {
+    pub fn name(&mut self, chosen: impl Iterator<Item = Option<ChosenVehicle>>) {
         for (route, vehicle) in self.routes.iter_mut().zip(chosen) {
             route.named = route.named.or(vehicle.map(|vehicle| vehicle.system));
-            route.before = *vehicle;
+            route.before = vehicle;
             if let Some(ChosenVehicle { system, address: Some(address), .. }) = vehicle {
-                self.connections[route.connection].vehicles.expect(*system, *address);
+                self.connections[route.connection].vehicles.expect(system, address);
             }
         }
     }
@@ -445,8 +440,8 @@ mod tests {
     fn a_vehicle_of_the_bridge_before_is_known_beside_a_second_sender() {
         let mut link = link(&[""], 2);
         let at = |port: u16| Some(SocketAddr::from(([127, 0, 0, 1], port)));
-        let before = |system, port| Some(ChosenVehicle { system, address: at(port), was_armed: true });
-        link.name(&[before(1, 1), before(2, 2)]);
+        let before = |system, port| Some(ChosenVehicle { system, address: at(port) });
+        link.name([before(1, 1), before(2, 2)].into_iter());
         // The second one is heard first, and waited out.
         for (port, message) in [(9, beat(QUADROTOR)), (2, beat(QUADROTOR)), (9, charge(20))] {
             assert_eq!(link.hear(0, &sent(port, 2, AUTOPILOT, message), 0.1), None);

@@ -24,7 +24,7 @@ use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
 use crate::preflight::Beginning;
-use crate::saved::SavedVehicles;
+use crate::saved::{SavedVehicle, SavedVehicles};
 use crate::telemetry::Order;
 use crate::wire::{WireAddress, check_addresses};
 
@@ -154,7 +154,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
         let saved = SavedVehicles::of(folder.path(), ring.restarts > 0);
-        link.name(saved.chosen());
+        link.name(saved.vehicles().iter().map(|vehicle| vehicle.chosen));
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
         // The journal of a run that is resumed begins with one slot.
@@ -167,8 +167,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let frame = AreaFrame::at(origin);
         let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
-        saved.armed().filter(|uav| *uav < uavs).for_each(|uav| bridge.note_armed_before(uav));
-        saved.taken_over().filter(|uav| *uav < uavs).for_each(|uav| bridge.leave(uav));
+        if ring.restarts > 0 {
+            bridge.go_on(saved.vehicles().iter().map(|vehicle| vehicle.history), reports);
+        }
         Ok(Self {
             bridge,
             most_links: uavs * nodes.payload().len(),
@@ -213,7 +214,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         while !self.bridge.has_begun() {
             self.poll()?;
             self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
-            if ring.restarts == 0 || self.bridge.is_heard() {
+            if !self.saved.has_chosen_before() || self.bridge.is_heard() {
                 heard = Instant::now();
             } else if heard.elapsed() > UNHEARD {
                 let message =
@@ -308,7 +309,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// Takes in what the chosen vehicles say, sends what is due, and notes who was taken over.
     fn exchange(&mut self) -> Result<(), NodeError> {
         let exchanged = self.exchange_messages();
-        self.saved.save_taken_over(&self.bridge.taken_over());
+        self.saved.save_taken_over(self.bridge.taken_over());
         exchanged
     }
 
@@ -344,8 +345,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut orders = Vec::new();
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
         let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
-        let chosen = self.link.chosen(|uav| self.bridge.control(uav).was_armed());
-        let is_saved = self.saved.save_chosen(chosen); // before the order to arm, which the next bridge has to know of
+        let vehicles =
+            self.link.chosen().zip(self.bridge.histories()).map(|(chosen, history)| SavedVehicle { chosen, history });
+        let is_saved = self.saved.save(vehicles.collect()); // before the order to arm, which the next bridge has to know of
         let sent = orders.iter().filter(|(_, order)| is_saved || *order != Order::Arm);
         sent.for_each(|(uav, order)| self.link.send(*uav, order));
         polled.map_err(|refused| refusal(&refused))

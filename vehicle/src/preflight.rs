@@ -92,7 +92,7 @@ pub enum Clearance {
     Return(String),
     /// Others fly it, in words after "is taken over:".
     GiveUp(String),
-    /// It is in the air, and may be another vehicle, in words after "is taken over:".
+    /// It may be another vehicle, or take off by an order of an earlier bridge, in words after "is taken over:".
     Abandon(String),
 }
 
@@ -193,7 +193,7 @@ impl Preflight {
             Beginning::Resumed if !is_left => refuse(format!(
                 "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
             )),
-            Beginning::Restarted { .. } if !is_in_air => Ok(Clearance::GiveUp(format!(
+            Beginning::Restarted { .. } if !is_in_air => Ok(Clearance::Abandon(format!(
                 "it is armed on the ground ({name}), and who has armed it is not known after a restart"
             ))),
             Beginning::Restarted { .. } if !is_left => Ok(Clearance::GiveUp(format!("it is flown by others ({name})"))),

@@ -1,127 +1,130 @@
 //! What a bridge knows of its vehicles, in files of the ring, for the bridge after it and for the launcher.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use skysink_ring::role::Role;
 
+use crate::control::History;
 use crate::link::ChosenVehicle;
 
-/// The file of the ring with the vehicles that are chosen.
-const CHOSEN: &str = "vehicles.json";
+/// The file of the ring with what is known of the vehicles.
+const VEHICLES: &str = "vehicles.json";
 
-/// The file of the ring that is there once a vehicle was taken over.
+/// The file of the ring that is there once a vehicle was taken over: such a run is not to be resumed.
 pub const TAKEN_OVER: &str = "taken-over.json";
 
-/// What was saved of the vehicles.
+/// What is known of a vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SavedVehicle {
+    /// Which one it is, once that is chosen.
+    pub chosen: Option<ChosenVehicle>,
+    /// What was done with it.
+    pub history: History,
+}
+
+/// What was saved.
 #[derive(Debug)]
 pub struct SavedVehicles {
     folder: PathBuf,
-    /// The vehicles that are chosen, by UAV.
-    chosen: Vec<Option<ChosenVehicle>>,
-    /// Whether that was saved by this bridge.
-    is_new: bool,
+    /// By UAV.
+    vehicles: Vec<SavedVehicle>,
+    /// Whether the bridge before has chosen a vehicle.
+    has_chosen_before: bool,
     /// The numbers of the vehicles that were taken over, from 1.
     taken_over: Vec<usize>,
-    /// Whether it was said that a file cannot be written.
-    has_said: bool,
+    /// The files of which it was said that they cannot be written.
+    said: Vec<&'static str>,
 }
 
 impl SavedVehicles {
     /// What the bridge before has saved in the folder of the ring, if this one `is_restarted`.
     #[must_use]
     pub fn of(folder: &Path, is_restarted: bool) -> Self {
-        let folder = folder.to_owned();
-        let mut saved = Self { folder, chosen: Vec::new(), is_new: true, taken_over: Vec::new(), has_said: false };
+        let (mut vehicles, mut taken_over) = (Vec::new(), Vec::new());
         if is_restarted {
-            (saved.chosen, saved.taken_over) = (saved.read(CHOSEN), saved.read(TAKEN_OVER));
+            (vehicles, taken_over) = (read(&folder.join(VEHICLES)), read(&folder.join(TAKEN_OVER)));
         }
-        saved
+        let has_chosen_before = vehicles.iter().any(|vehicle: &SavedVehicle| vehicle.chosen.is_some());
+        Self { folder: folder.to_owned(), vehicles, has_chosen_before, taken_over, said: Vec::new() }
     }
 
-    /// The vehicles that are chosen, by UAV.
-    pub fn chosen(&self) -> &[Option<ChosenVehicle>] {
-        &self.chosen
+    /// The vehicles, by UAV; none before they are saved.
+    pub fn vehicles(&self) -> &[SavedVehicle] {
+        &self.vehicles
     }
 
-    /// The numbers of the vehicles, from 0, that have been armed by an order.
-    pub fn armed(&self) -> impl Iterator<Item = usize> {
-        let was_armed = |vehicle: &Option<ChosenVehicle>| vehicle.is_some_and(|vehicle| vehicle.was_armed);
-        self.chosen.iter().enumerate().filter(move |(_, vehicle)| was_armed(vehicle)).map(|(uav, _)| uav)
+    /// Whether the bridge before has chosen a vehicle.
+    pub fn has_chosen_before(&self) -> bool {
+        self.has_chosen_before
     }
 
-    /// The numbers of the vehicles, from 0, that were taken over.
-    pub fn taken_over(&self) -> impl Iterator<Item = usize> {
-        self.taken_over.iter().filter_map(|number| number.checked_sub(1))
-    }
-
-    /// Saves which vehicles are chosen, and have been armed, for the bridge after this one. Returns whether that is saved.
-    pub fn save_chosen(&mut self, chosen: Vec<Option<ChosenVehicle>>) -> bool {
-        let is_saved = !self.is_new && chosen == self.chosen || self.write(CHOSEN, &chosen);
+    /// Saves what the bridge after this one has to know. Returns whether that is saved.
+    pub fn save(&mut self, vehicles: Vec<SavedVehicle>) -> bool {
+        let is_saved = vehicles == self.vehicles || self.write(VEHICLES, &vehicles, ": no vehicle is armed meanwhile");
         if is_saved {
-            self.chosen = chosen;
-            self.is_new = false;
+            self.vehicles = vehicles;
         }
         is_saved
     }
 
-    /// Saves which vehicles were taken over, by their numbers from 1, for the bridge after this one, and for the launcher:
-    /// such a run is not to be resumed.
-    pub fn save_taken_over(&mut self, numbers: &[usize]) {
+    /// Saves that the vehicles of these numbers, from 1, were taken over.
+    pub fn save_taken_over(&mut self, numbers: Vec<usize>) {
         let mut taken_over = self.taken_over.clone();
         taken_over.extend(numbers.iter().filter(|number| !self.taken_over.contains(number)));
-        if taken_over.len() > self.taken_over.len() && self.write(TAKEN_OVER, &taken_over) {
+        if taken_over.len() > self.taken_over.len() && self.write(TAKEN_OVER, &taken_over, "") {
             self.taken_over = taken_over;
         }
     }
 
-    /// The content of a file; empty if there is none, or another.
-    fn read<T: DeserializeOwned + Default>(&self, name: &str) -> T {
-        let text = std::fs::read_to_string(self.folder.join(name)).unwrap_or_default();
-        serde_json::from_str(&text).unwrap_or_default()
-    }
-
-    /// Writes a file whole or, if that fails, not at all, and says so once. Returns whether it was written.
-    fn write(&mut self, name: &str, content: &impl Serialize) -> bool {
+    /// Writes a file whole or, if that fails, not at all, which is said once, with what `follows`. Returns whether it was
+    /// written.
+    fn write(&mut self, name: &'static str, content: &impl Serialize, follows: &str) -> bool {
         let path = self.folder.join(name);
         let new = path.with_extension("new");
         let text = serde_json::to_string(content).expect("numbers and addresses are JSON");
-        let written: io::Result<()> = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, &path));
+        let written = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, &path));
         if let Err(error) = &written
-            && !std::mem::replace(&mut self.has_said, true)
+            && !self.said.contains(&name)
         {
-            Role::FlightSim.log(format_args!("{name} cannot be written: {error}: no vehicle is armed meanwhile"));
+            self.said.push(name);
+            Role::FlightSim.log(format_args!("{name} cannot be written: {error}{follows}"));
         }
         written.is_ok()
     }
 }
 
+/// The content of a file; empty if there is none, or another.
+fn read<T: DeserializeOwned + Default>(path: &Path) -> T {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::Fate;
 
     #[test]
-    fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_told() {
+    fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_tried_again() {
         let folder = tempfile::tempdir().unwrap();
-        let vehicle = |was_armed| Some(ChosenVehicle { system: 3, address: None, was_armed });
+        let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
+        let of = |was_armed, fate| SavedVehicle { chosen, history: History { was_armed, fate } };
+        let fates = [Fate::Open, Fate::Returns { is_seen: true }, Fate::Left, Fate::Abandoned];
+        let vehicles: Vec<_> = fates.into_iter().flat_map(|fate| [of(false, fate), of(true, fate)]).collect();
         let mut saved = SavedVehicles::of(folder.path(), false);
-        assert!(
-            saved.save_chosen(vec![vehicle(false), None]) && saved.save_chosen(vec![vehicle(false), vehicle(true)])
-        );
-        saved.save_taken_over(&[1]);
-        saved.save_taken_over(&[2]);
-        let of_next = |is_restarted| {
-            let next = SavedVehicles::of(folder.path(), is_restarted);
-            (next.chosen().len(), next.armed().collect::<Vec<_>>(), next.taken_over().collect::<Vec<_>>())
-        };
-        assert_eq!(of_next(true), (2, vec![1], vec![0, 1]));
-        assert_eq!(of_next(false), (0, vec![], vec![]), "a new run begins anew");
+        assert!(!saved.has_chosen_before() && saved.save(Vec::new()) && saved.save(vehicles.clone()));
+        saved.save_taken_over(vec![1]);
+        saved.save_taken_over(vec![2]);
+        let next = SavedVehicles::of(folder.path(), true);
+        assert_eq!((next.vehicles(), next.has_chosen_before()), (&*vehicles, true));
+        assert_eq!(next.taken_over, [1, 2]);
+        assert!(SavedVehicles::of(folder.path(), false).vehicles().is_empty(), "a new run begins anew");
 
         let mut lost = SavedVehicles::of(&folder.path().join("none"), true);
-        assert!(!lost.save_chosen(vec![]) && !lost.save_chosen(vec![]), "it is tried again");
+        assert!(!lost.save(vehicles.clone()) && !lost.save(vehicles.clone()));
         std::fs::create_dir(folder.path().join("none")).unwrap();
-        assert!(lost.save_chosen(vec![]));
+        assert!(lost.save(vehicles));
     }
 }

@@ -122,6 +122,11 @@ impl Takeover {
         self.modes = Explained::Following(mode);
     }
 
+    /// Whether a return that was ordered was seen in effect.
+    pub fn has_seen_return(&self) -> bool {
+        matches!(self.modes, Explained::Returning { seen: Some(_), .. })
+    }
+
     /// Why somebody else flies the vehicle, in words after "is taken over:"; `None` if orders explain what it reports.
     pub fn check(&mut self, vehicle: &VehicleState) -> Option<String> {
         let (autopilot, mode) = (vehicle.autopilot?, vehicle.mode()?);

@@ -1,6 +1,7 @@
 //! What the bridge asks of a vehicle: where it is, whether it is heard, and how far its mission is.
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 
 use super::{Phase, VehicleControl};
 use crate::autopilot::ModeMeaning;
@@ -10,8 +11,9 @@ use crate::telemetry::{Fix, Order};
 /// Time without a message after which a vehicle gets no heartbeats until it is heard [s].
 const ABANDONED_S: f64 = 10.0;
 
-/// Time between two calls of a vehicle that was never heard, and how long one takes [s].
-const CALL_EVERY_S: f64 = 30.0;
+/// Time between two calls of a vehicle that was never heard, longer than any dead-man switch waits (PX4: up to 300 s), and
+/// how long one takes [s].
+const CALL_EVERY_S: f64 = 310.0;
 const CALL_S: f64 = 0.3;
 
 /// Whether a vehicle gets heartbeats of the bridge.
@@ -25,7 +27,49 @@ pub enum Heartbeats {
     Idle,
 }
 
+/// What the bridge after this one has to know of a vehicle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct History {
+    /// Whether it has been armed by an order, as far as is known: that may be on its way.
+    pub was_armed: bool,
+    /// How far its mission has come.
+    pub fate: Fate,
+}
+
+/// How far the mission of a vehicle has come.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fate {
+    /// It goes on, or has ended on the ground.
+    #[default]
+    Open,
+    /// It returns, or is to.
+    Returns {
+        /// Whether the return was seen in effect: whoever stops it is no failure of the link.
+        is_seen: bool,
+    },
+    /// Others fly it.
+    Left,
+    /// The bridge has given it up, and nobody is known to fly it.
+    Abandoned,
+}
+
 impl VehicleControl {
+    /// What the bridge after this one has to know of it.
+    pub fn history(&self) -> History {
+        History { was_armed: self.assignment.was_armed || self.takeover.is_arming(), fate: self.fate() }
+    }
+
+    /// How far its mission has come.
+    pub fn fate(&self) -> Fate {
+        match self.phase {
+            Phase::TakenOver if self.is_abandoned => Fate::Abandoned,
+            Phase::TakenOver => Fate::Left,
+            Phase::Returning => Fate::Returns { is_seen: self.takeover.has_seen_return() },
+            Phase::Preflight if self.awaited_return.is_some() => Fate::Returns { is_seen: self.has_seen_return },
+            _ => Fate::Open,
+        }
+    }
+
     /// Whether others have taken it over while this bridge flew it.
     pub fn is_taken_over(&self) -> bool {
         self.phase == Phase::TakenOver && !self.is_left
@@ -41,15 +85,16 @@ impl VehicleControl {
     pub fn heartbeats(&self, now_s: f64) -> Heartbeats {
         let may_fly = self.is_committed() || self.assignment.beginning != Beginning::New;
         let is_left = match self.phase {
-            Phase::Landed => return Heartbeats::Idle,
-            Phase::TakenOver => self.is_abandoned && self.is_unflown(),
+            Phase::Landed if !self.vehicle.may_be_armed() => return Heartbeats::Idle,
+            Phase::Landed => false, // somebody flies it again
+            Phase::TakenOver => self.is_abandoned && self.is_unflown() && !self.is_called(now_s),
             _ => may_fly && self.vehicle.unheard_s(now_s) >= ABANDONED_S && !self.is_called(now_s),
         };
         if is_left { Heartbeats::Withheld } else { Heartbeats::Due }
     }
 
     /// Whether its mode, as far as it is known, is not one of others, nor a return.
-    fn is_unflown(&self) -> bool {
+    pub(super) fn is_unflown(&self) -> bool {
         matches!(self.vehicle.meaning(), ModeMeaning::FollowsOrders | ModeMeaning::Unknown)
     }
 
@@ -61,7 +106,7 @@ impl VehicleControl {
 
     /// Whether it is to return as soon as it is heard, or does, or is flown by others.
     pub fn has_ended_in_air(&self) -> bool {
-        matches!(self.phase, Phase::Returning | Phase::TakenOver) || self.awaited_return.is_some()
+        self.fate() != Fate::Open
     }
 
     /// The phase of its mission.
@@ -92,6 +137,11 @@ impl VehicleControl {
     /// Whether it has refused to fly to its target.
     pub fn has_refused(&self) -> bool {
         self.has_refused
+    }
+
+    /// Where it was sent last [m], if it may be on its way there.
+    pub fn target(&self) -> Option<Point3<f64>> {
+        self.target.filter(|_| self.phase == Phase::Flying)
     }
 
     /// Where it is [m]; `None` if that was never known.

@@ -1,6 +1,6 @@
 //! How the mission of a vehicle begins: the checks before it is armed, and what an earlier bridge has left.
 
-use super::{CLIMBED_M, Phase, VehicleControl};
+use super::{CLIMBED_M, Fate, History, Phase, VehicleControl};
 use crate::autopilot::ModeMeaning;
 use crate::preflight::{Beginning, Clearance, PreflightRefusal};
 use crate::telemetry::Order;
@@ -9,21 +9,33 @@ use crate::telemetry::Order;
 const CHECKS_S: f64 = 150.0;
 
 impl VehicleControl {
-    /// Leaves a vehicle alone that was taken over before this bridge began, or that had ended its mission in the run that
-    /// is resumed.
-    pub fn leave(&mut self) {
-        if self.phase == Phase::Preflight {
-            self.is_left = true;
-            self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
-            self.is_abandoned = self.assignment.beginning == Beginning::Resumed; // the run before has ended
-            self.give_up("it was, or has returned, before this bridge began");
+    /// Goes on as the bridge before has left it, by its `history`, and by its last report, which `says_ended` if its mission
+    /// has ended in the air. It is not armed twice.
+    pub fn go_on(&mut self, history: History, says_ended: bool) {
+        self.assignment.was_armed |= history.was_armed;
+        if self.phase != Phase::Preflight {
+            return; // it stays down
+        }
+        self.has_begun |= says_ended;
+        match history.fate {
+            Fate::Open if !says_ended => {}
+            Fate::Returns { is_seen } => {
+                self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
+                self.has_seen_return = is_seen;
+                self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
+            }
+            Fate::Left => self.leave(false),
+            Fate::Abandoned | Fate::Open => self.leave(true),
         }
     }
 
-    /// Sends a vehicle home that was on its way home before this bridge began, unless others fly it by now.
-    pub fn go_on_home(&mut self) {
-        self.has_begun = true;
-        self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
+    /// Leaves a vehicle alone that had ended its mission before this bridge began; nobody is known to fly one that
+    /// `is_abandoned`.
+    pub fn leave(&mut self, is_abandoned: bool) {
+        self.is_left = true;
+        self.is_abandoned = is_abandoned;
+        self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
+        self.give_up("it was, or has returned, before this bridge began");
     }
 
     /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
@@ -35,14 +47,33 @@ impl VehicleControl {
             self.said.say(format!("is not armed: {why}"));
             self.land(why);
         } else {
-            self.is_abandoned = true;
-            self.give_up(why);
+            self.abandon(why);
         }
     }
 
-    /// Never arms it: a bridge before has.
-    pub fn note_armed_before(&mut self) {
-        self.assignment.was_armed = true;
+    /// Gives a vehicle up in the air that nobody is known to fly: its dead-man switch brings it home.
+    fn abandon(&mut self, why: &str) {
+        self.is_abandoned = true;
+        self.give_up(why);
+    }
+
+    /// Ends the mission of a vehicle in the air, in the mode that follows orders, that is to return, or does not pass the
+    /// checks. Returns whether.
+    fn end_in_air(&mut self, now_s: f64) -> bool {
+        let since_s = *self.checked_since_s.get_or_insert(now_s);
+        let missing = self.preflight.missing.filter(|_| now_s - since_s > CHECKS_S);
+        let late = missing.map(|missing| format!("the bridge has waited {CHECKS_S} s for it {missing}"));
+        if !self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) {
+            late.iter().for_each(|why| self.abandon(why)); // it does not say where it is, or is far away
+            return late.is_some();
+        }
+        let Some(why) = self.awaited_return.take().or(late) else { return false };
+        if self.has_seen_return {
+            self.give_up("its return was stopped without an order of the bridge");
+        } else {
+            self.return_home(&why, now_s);
+        }
+        true
     }
 
     /// Leaves a vehicle on the ground that had ended its mission there, under an earlier bridge.
@@ -64,14 +95,8 @@ impl VehicleControl {
 
     /// Checks whether the vehicle may take off, or is in the air already.
     pub(super) fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        if self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) {
-            let since_s = *self.checked_since_s.get_or_insert(now_s);
-            let missing = self.preflight.missing.filter(|_| now_s - since_s > CHECKS_S);
-            let late = missing.map(|missing| format!("the bridge has waited {CHECKS_S} s for it {missing}"));
-            if let Some(why) = self.awaited_return.take().or(late) {
-                self.return_home(&why, now_s);
-                return Ok(());
-            }
+        if self.is_left_in_air(ModeMeaning::FollowsOrders) && self.end_in_air(now_s) {
+            return Ok(());
         }
         if self.awaited_return.is_some() && self.is_of_earlier_bridge(ModeMeaning::Returns) {
             self.watch_return();
@@ -79,13 +104,14 @@ impl VehicleControl {
         }
         let position = self.position().filter(|_| self.has_current_position(now_s));
         let Self { preflight, vehicle, takeover, assignment, .. } = self;
-        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders)?;
+        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders);
         if self.takeover.has_been_disarmed()
             && let Some(why) = self.awaited_return.take()
         {
             self.land(&why);
             return Ok(());
         }
+        let clearance = clearance?;
         match clearance {
             Clearance::Wait(missing) => self.await_missing(missing, now_s),
             Clearance::GiveUp(why) => self.give_up(&why),
@@ -110,10 +136,7 @@ impl VehicleControl {
                 }
             }
             Clearance::Return(why) => self.return_home(&why, now_s),
-            Clearance::Abandon(why) => {
-                self.is_abandoned = true;
-                self.give_up(&why);
-            }
+            Clearance::Abandon(why) => self.abandon(&why),
         }
         Ok(())
     }
@@ -159,11 +182,15 @@ impl VehicleControl {
         }
     }
 
-    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it, in such a mode.
-    pub(super) fn is_of_earlier_bridge(&self, meaning: ModeMeaning) -> bool {
+    /// Whether a vehicle that is not checked yet is in the air, in such a mode, and may be that of an earlier bridge.
+    fn is_left_in_air(&self, meaning: ModeMeaning) -> bool {
         let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
-        let is_near = self.assignment.is_near(self.position());
-        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
+        is_left && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
+    }
+
+    /// Whether it is where an earlier bridge has left it, too.
+    pub(super) fn is_of_earlier_bridge(&self, meaning: ModeMeaning) -> bool {
+        self.is_left_in_air(meaning) && self.assignment.is_near(self.position())
     }
 
     /// Waits for the landing of a vehicle that is on its way home.

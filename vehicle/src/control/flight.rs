@@ -209,6 +209,7 @@ impl VehicleControl {
 
     /// Notices the landing of a vehicle that others fly.
     pub(super) fn await_landing(&mut self, now_s: f64) {
+        self.is_abandoned &= self.is_unflown();
         if self.vehicle.has_disarmed(now_s) {
             self.said.say("is on the ground, disarmed".to_owned());
             self.land("it is on the ground");

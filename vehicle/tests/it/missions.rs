@@ -33,6 +33,17 @@ fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {
 }
 
 #[test]
+fn a_vehicle_hears_the_sensor_nodes_within_the_range_of_their_beacons() {
+    for (radius_m, heard) in
+        [("", vec![]), ("link.model = 'probabilistic-los'\nlink.beacon_radius_m = 11.0\n", vec![0])]
+    {
+        let flight = ClosedLoop::over(&scenario(radius_m), &KinematicOptions::default(), 0.0);
+        let links = flight.bridge.heard_links(0, &flight.reports);
+        assert_eq!(links.iter().map(|link| link.sensor).collect::<Vec<_>>(), heard);
+    }
+}
+
+#[test]
 fn a_slot_that_began_before_the_bridge_noticed_is_that_much_longer() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());

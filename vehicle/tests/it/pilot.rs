@@ -309,7 +309,7 @@ fn a_vehicle_is_armed_on_checks_of_that_moment() {
         flight
     };
     let mut flight = unanswered();
-    assert!(flight.bridge.control(0).was_armed(), "its order may be on its way");
+    assert!(flight.bridge.control(0).history().was_armed, "its order may be on its way");
     flight.says_no_position = true;
     flight.advance(4.0);
     flight.orders.clear();
@@ -645,4 +645,22 @@ fn a_vehicle_that_does_not_know_where_it_is_gets_no_waypoints() {
     assert_eq!(count(&flight, "does not say where it is any more"), 1, "{:?}", flight.said);
     flight.says_no_position = false;
     assert_eq!(flight.fly_slot(3, Some(plan(50.0, 66.0))).flown_mode(), Mode::Serve);
+}
+
+#[test]
+fn a_suspended_bridge_believes_nothing_that_it_has_heard_before() {
+    for is_suspended in [false, true] {
+        let mut flight = hovering(AutopilotKind::ArduPilot);
+        flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        flight.orders.clear();
+        let now_s = flight.now_s;
+        if is_suspended {
+            flight.bridge.doubt(now_s);
+        }
+        flight.bridge.return_home("the run is stopped", now_s);
+        flight.advance(1.0); // one heartbeat
+        assert_eq!(flight.orders.is_empty(), is_suspended, "{:?}", flight.orders);
+        flight.advance(1.0);
+        assert!(flight.orders.iter().any(|(_, order)| *order == Order::Return));
+    }
 }

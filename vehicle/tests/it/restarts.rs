@@ -7,7 +7,7 @@ use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
 use skysink_vehicle::bridge::{Bridge, start};
-use skysink_vehicle::control::{Heartbeats, Phase};
+use skysink_vehicle::control::{Fate, Heartbeats, History, Phase};
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
@@ -23,7 +23,8 @@ fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
     for beginning in [Beginning::Resumed, RESTARTED] {
         let reports = before.reports.clone();
         let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
-        flight.bridge.leave(0); // one that was taken over before it landed
+        let history = History { was_armed: true, fate: Fate::Left }; // it was taken over before it landed
+        flight.bridge.go_on(std::iter::once(history), &before.reports);
         flight.advance(60.0);
         assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
         assert_eq!(count(&flight, "was down before, and stays down"), 1);
@@ -33,25 +34,43 @@ fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
     }
 }
 
-/// A restarted bridge over the vehicle of `before`.
+/// A restarted bridge over the vehicle of `before`, with what that bridge has saved.
 fn restarted(before: &ClosedLoop, beginning: Beginning) -> ClosedLoop {
     let reports = before.reports.clone();
     let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
+    if beginning != Beginning::Resumed {
+        flight.bridge.go_on(before.bridge.histories(), &before.reports);
+    }
     (flight.copter, flight.start_m) = (before.copter.clone(), before.start_m);
+    flight.autopilot = before.autopilot;
     flight
 }
 
 #[test]
 fn what_a_bridge_before_has_armed_is_not_armed_again() {
-    let mut before = hovering(AutopilotKind::ArduPilot);
-    before.copter.change_to(CopterMode::Land);
-    before.until(120.0, |before| !before.copter.is_armed);
+    let mut before = flight_over(AutopilotKind::ArduPilot);
+    before.until(60.0, |before| before.copter.is_armed);
+    before.copter.disarm(); // while there is no bridge
     let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
-    flight.bridge.note_armed_before(0);
     flight.advance(60.0);
     assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
     let why = flight.bridge.check_flyable().unwrap_err().why.to_string();
     assert!(why.contains("it is on the ground, after it was armed"), "{why}");
+}
+
+#[test]
+fn a_vehicle_that_takes_off_by_an_order_of_the_bridge_before_is_left_to_its_dead_man_switch() {
+    let mut before = flight_over(AutopilotKind::ArduPilot);
+    before.until(60.0, |before| before.take_offs > 0);
+    let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
+    flight.heartbeat_s = 0.2; // it is heard before it is in the air
+    flight.advance(20.0);
+    assert!(
+        flight.orders.is_empty() && count(&flight, "is taken over: it is armed on the ground") == 1,
+        "{:?}",
+        flight.said
+    );
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld);
 }
 
 #[test]
@@ -171,7 +190,6 @@ fn a_takeover_outlives_the_bridge() {
     before.advance(2.5);
     assert_eq!(before.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Return);
     let mut flight = restarted(&before, RESTARTED);
-    flight.bridge.leave(0); // by the file of those that were taken over
     flight.copter.mode = CopterMode::Guided; // handed to another ground station
     assert_left_alone(&mut flight, "restarted");
     assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Due);
@@ -225,15 +243,46 @@ fn a_return_goes_on_under_the_next_bridge_unless_others_fly_the_vehicle() {
         assert_eq!((returns, flight.orders.len()), if is_accepted { (0, 0) } else { (1, 1) }, "{:?}", flight.orders);
         assert!(!flight.copter.is_armed && flight.bridge.taken_over().is_empty(), "{:?}", flight.said);
     }
-    let mut flight = restarted(&going_home(true), RESTARTED);
-    flight.copter.change_to(CopterMode::Loiter);
-    assert_left_alone(&mut flight, "a pilot has stopped the return");
-    // Before slot 1 of a run that is resumed, too: it has landed, and its mission is over.
+    for mode in [CopterMode::Loiter, CopterMode::Guided] {
+        let mut flight = restarted(&going_home(true), RESTARTED);
+        flight.copter.mode = mode;
+        assert_left_alone(&mut flight, "somebody has stopped the return");
+    }
+    // Before slot 1 of a run that is resumed, too: it has landed, and its mission is over, whatever its battery has.
     let mut before = going_home(true);
-    before.until(150.0, |before| !before.copter.is_armed);
+    before.until(150.0, |before| !before.copter.is_armed && before.bridge.control(0).phase() == Phase::Returning);
     let mut flight = restarted(&before, Beginning::Restarted { in_mission: false });
+    flight.copter.battery = 0.05;
     flight.advance(20.0);
     assert!(flight.bridge.has_landed() && flight.bridge.check_flyable().is_ok() && flight.orders.is_empty());
+}
+
+#[test]
+fn a_vehicle_that_a_resumed_run_leaves_alone_is_left_alone_by_its_next_bridge() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.copter.change_to(CopterMode::Loiter);
+    before.advance(2.5);
+    before.fly_slot(1, None);
+    before.copter.mode = CopterMode::Guided; // handed to another ground station
+    let resumed = restarted(&before, Beginning::Resumed);
+    assert!(resumed.bridge.taken_over().is_empty(), "by the run before");
+    for beginning in [RESTARTED, Beginning::Restarted { in_mission: false }] {
+        let mut flight = restarted(&resumed, beginning);
+        assert_left_alone(&mut flight, "restarted");
+        assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld);
+    }
+}
+
+#[test]
+fn a_vehicle_that_is_home_keeps_no_other_from_taking_off() {
+    let (mut bridge, mut now_s) = (fleet(Beginning::Restarted { in_mission: false }, ""), 0.0);
+    let home = History { was_armed: true, fate: Fate::Returns { is_seen: true } };
+    let reports = start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n"));
+    bridge.go_on([History::default(), home].into_iter(), &reports); // the second is switched off
+    let orders = run(&mut bridge, 8.0, &mut now_s, |bridge, now_s| {
+        speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, false, now_s);
+    });
+    assert!(orders.contains(&(0, Order::Arm)), "{orders:?}");
 }
 
 /// A bridge over the vehicles of a fleet of two, at (50, 50) and (60, 50).
@@ -302,6 +351,8 @@ fn a_vehicle_that_the_bridge_gives_up_in_the_air_gets_no_heartbeats() {
         speak(bridge, 1, [60.0, 50.0, 20.0], LOITER, true, now_s + 0.02);
     });
     assert_eq!(heartbeats(&bridge, now_s), [Heartbeats::Due; 2], "a pilot flies it");
+    run(&mut bridge, 2.0, &mut now_s, both_fly);
+    assert_eq!(heartbeats(&bridge, now_s), [Heartbeats::Due; 2], "also in the mode of the bridge");
 
     // So far away, it may be another vehicle; a slot away, it is not.
     for (away_m, of_it) in [(540.0, Heartbeats::Due), (600.0, Heartbeats::Withheld)] {
@@ -310,6 +361,10 @@ fn a_vehicle_that_the_bridge_gives_up_in_the_air_gets_no_heartbeats() {
             speak(bridge, 1, [60.0, 50.0 + away_m, 20.0], GUIDED, true, now_s);
         });
         assert_eq!(bridge.control(1).heartbeats(now_s), of_it, "{away_m} m");
+        let mut next = fleet(RESTARTED, "");
+        next.go_on(bridge.histories(), &start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n")));
+        run(&mut next, 5.0, &mut now_s, |bridge, now_s| speak(bridge, 1, [60.0, 50.0, 20.0], GUIDED, true, now_s));
+        assert_eq!(next.control(1).heartbeats(now_s), of_it, "{away_m} m, under the next bridge");
     }
 }
 
@@ -322,13 +377,18 @@ fn heartbeats_stop_where_a_resumed_run_does_not_hear_its_vehicle() {
         assert_eq!(of_both(&bridge, now_s), [Heartbeats::Due; 2]);
         run(&mut bridge, 14.0, &mut now_s, |_, _| {});
         assert_eq!(of_both(&bridge, now_s), [Heartbeats::Withheld; 2], "{beginning:?}");
-        run(&mut bridge, 15.1, &mut now_s, |_, _| {});
+        run(&mut bridge, 295.1, &mut now_s, |_, _| {});
         assert_eq!(of_both(&bridge, now_s), [Heartbeats::Withheld, Heartbeats::Due], "never heard, it is called");
+        run(&mut bridge, 1.0, &mut now_s, |_, _| {});
+        assert_eq!(of_both(&bridge, now_s), [Heartbeats::Withheld; 2]);
     }
     let mut flight = hovering(AutopilotKind::ArduPilot);
     flight.copter.change_to(CopterMode::Land);
     flight.until(100.0, |flight| flight.bridge.has_landed());
     assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Idle);
+    flight.copter.take_off_by_hand(15.0);
+    flight.advance(2.5);
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Due, "somebody flies it again");
 }
 
 #[test]
@@ -362,7 +422,7 @@ fn a_vehicle_that_is_refused_while_its_order_to_arm_is_under_way_is_sent_home() 
             result.into_iter().for_each(|result| bridge.hear(uav, &Telemetry::Answer { command: 400, result }, now_s));
         }
         bridge.refuse(1, "two of them".to_owned(), now_s).unwrap();
-        assert_eq!((bridge.control(1).phase(), bridge.control(1).was_armed()), (phase, answer.is_none()));
+        assert_eq!((bridge.control(1).phase(), bridge.control(1).history().was_armed), (phase, answer.is_none()));
         let orders = run(&mut bridge, 3.0, &mut now_s, on_ground([true, answer.is_none()]));
         assert_eq!(orders.contains(&(1, Order::Return)), answer.is_none(), "{orders:?}");
         assert!(orders.iter().all(|(uav, order)| *uav == 0 || *order == Order::Return), "{orders:?}");
@@ -379,6 +439,12 @@ fn a_vehicle_in_the_air_that_does_not_pass_the_checks_returns() {
     assert_eq!((flight.copter.mode, flight.orders.len()), (CopterMode::Guided, 0));
     flight.until(150.0, |flight| flight.bridge.has_landed());
     assert_eq!(count(&flight, "returns: the bridge has waited 150 s for it to say what it does when"), 1);
+
+    let mut flight = restarted(&before, RESTARTED);
+    flight.says_no_position = true;
+    flight.advance(160.0);
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld, "{:?}", flight.said);
+    assert_eq!(count(&flight, "is taken over: the bridge has waited 150 s for it to know its position"), 1);
 }
 
 #[test]
