@@ -9,7 +9,7 @@ mod standings;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use skysink_common::error::InputError;
+use skysink_common::error::{InputError, did_you_mean};
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -188,6 +188,9 @@ impl CompareCommand {
 fn find_strategy(name: &Path) -> Result<String, Error> {
     let name = name.to_string_lossy();
     Registered::find(&name).map(|strategy| strategy.name.to_owned()).ok_or_else(|| {
-        Error::Usage(format!("strategy {name}: expected one of {} (or the folders of runs alone)", names().join(", ")))
+        let meant = did_you_mean(&name, names().iter().copied());
+        let meant = meant.map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default();
+        let expected = format!("expected one of {} (or the folders of runs alone)", names().join(", "));
+        Error::Usage(format!("strategy {name}: {expected}{meant}"))
     })
 }

@@ -59,11 +59,17 @@ impl MissionOptions {
 #[derive(Debug, Clone, Args)]
 pub struct Changes {
     /// Random seed [default: the scenario's].
-    #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    #[arg(long, allow_negative_numbers = true, value_parser = parse_seed)]
     seed: Option<u64>,
     /// Override a scenario key, for example link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "set", value_name = "KEY=VALUE")]
     keys: Vec<Setting>,
+}
+
+/// Parses a seed, which TOML can hold.
+fn parse_seed(text: &str) -> Result<u64, String> {
+    let seed = text.parse().ok().filter(|seed| i64::try_from(*seed).is_ok());
+    seed.ok_or_else(|| "expected a whole number, 0 to 2^63 - 1".to_owned())
 }
 
 impl Changes {

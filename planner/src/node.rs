@@ -121,6 +121,7 @@ fn run_with<S: Service + 'static>(
 ) -> Result<(), NodeError> {
     let has_path = own.is_some() || Registered::of(scenario)?.has_path || scenario.landing_base().is_some();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
+    wait.beat_while_computing();
     // Before that of the plans, so that a process that has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(scenario.uav.uavs() * MAX_PATH_POINTS)).transpose()?;
     let uavs = scenario.uav.uavs();

@@ -17,7 +17,7 @@ use skysink_common::stop::Stop;
 use strum::{Display, EnumString, VariantArray, VariantNames};
 
 use crate::error::{NodeError, RingError};
-use crate::role::{Role, RoleLock};
+use crate::role::{HEARTBEAT, Role, RoleLock};
 
 /// How a process waits for messages.
 #[derive(
@@ -336,6 +336,22 @@ impl WaitContext {
             }
         }
         Ok(())
+    }
+
+    /// Keeps the heartbeat going while a computation of this process polls the stop request, until the process leaves the
+    /// ring: one that takes long is not one that hangs.
+    pub fn beat_while_computing(&self) {
+        let Some(lock) = self.role_lock.as_ref().map(Arc::downgrade) else { return };
+        let stop = self.stop.clone();
+        std::thread::spawn(move || {
+            while let Some(lock) = lock.upgrade() {
+                if stop.take_polled() {
+                    lock.beat(Instant::now());
+                }
+                drop(lock); // the process may leave meanwhile
+                std::thread::sleep(HEARTBEAT);
+            }
+        });
     }
 
     /// Keeps the heartbeat going, and serves late joiners if it is time to.

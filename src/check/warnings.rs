@@ -65,10 +65,10 @@ fn overloaded(figures: &Figures) -> Option<String> {
     let percent = percent(fraction);
     let is_buffer_limited = load.carried_bits < load.visits as f64 * figures.above.visit_bits[1] as f64;
     let limit = if is_buffer_limited { "buffer size" } else { "radio" };
+    let visits = if load.visits == 1 { "1 visit".to_owned() } else { format!("{} visits", load.visits) };
     Some(format!(
-        "the load is {percent} of the maximum that {} visits collect ({offered} of {carried} per slot, limited by the \
-         {limit}): once buffers are full, every strategy loses data",
-        load.visits
+        "the load is {percent} of what {visits} can collect ({offered} of {carried} per slot, limited by the {limit}): once \
+         buffers are full, every strategy loses data"
     ))
 }
 

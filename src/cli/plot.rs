@@ -58,6 +58,9 @@ impl PlotCommand {
             let expected = "a sweep, which is not drawn as a map: omit this option";
             return Err(Error::Usage(format!("--links-of: {} is {expected}", sweep.display())));
         }
+        if !sweep.is_dir() {
+            return Err(Error::Usage(format!("{}: expected the folder of a sweep or of a run", sweep.display())));
+        }
         if self.request.x.is_empty() {
             let expected = "expected the key of the x axis, such as --x area.side_m";
             return Err(Error::Usage(format!("{}: {expected}", sweep.display())));
@@ -109,7 +112,7 @@ fn print_runs(drawn: &DrawnMaps) -> Result<(), Error> {
     table.set_header(["run", "strategy", "η", "slots"]);
     for run in &drawn.runs {
         let name = run.run.display().to_string();
-        table.add_row([name, run.strategy.clone(), format!("{:.4}", run.loss_rate), run.slots.to_string()]);
+        table.add_row([name, run.strategy.clone(), format!("{:.4}", run.loss_rate), run.flown()]);
     }
     print(with_numbers_from(1, table))?;
     drawn.files.iter().try_for_each(|file| print(file.display()))

@@ -104,7 +104,10 @@ fn print_plan(sweep: &Sweep, stop: &Stop) -> Result<(), Error> {
     }
     let cpu_s: f64 = mission_s.iter().map(|each_s| each_s * fields as f64).sum();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    print(format_args!("CPU time:  about {cpu_s:.1} s, {:.1} s on {cores} cores", cpu_s / cores as f64))
+    print(format_args!(
+        "Time:      about {cpu_s:.1} s of one core as busy as now, {:.1} s on {cores} cores",
+        cpu_s / cores as f64
+    ))
 }
 
 /// Parses `K/N`.

@@ -6,7 +6,7 @@ use skysink_common::airspace::{Airspace, KeptGround, MAX_SIMPLIFIED_CORNERS, Pol
 use skysink_common::error::InputError;
 use skysink_common::geodata::plausible::{FieldPlaces, NamedPolygon, PolygonRole, distance};
 use skysink_common::geodata::projection::Projection;
-use skysink_common::geodata::{Zone, ZoneKind, Zones};
+use skysink_common::geodata::{Zone, ZoneKind, Zones, check_geodetic};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, LEAST_FILLED, Origin, Overrides, Scenario};
 use skysink_lab::import::{self, Imported};
@@ -84,12 +84,12 @@ pub fn of_degrees(
     let is_enclosed = |zone: &&Zone| if has_boundary { zone.kind == ZoneKind::Boundary } else { count == 0 };
     let corners = |zone| corners(zone, path);
     let start_text = start.map(|[lat_deg, lon_deg]| format!("{lat_deg},{lon_deg}")).unwrap_or_default();
-    let start = start.map(|position| SourcePosition {
-        what: "option",
-        path: Path::new("--start"),
-        place: &start_text,
-        position,
-    });
+    let at_start =
+        |position| SourcePosition { what: "option", path: Path::new("--start"), place: &start_text, position };
+    let start = start.map(at_start);
+    if let Some(start) = &start {
+        check_geodetic(start.position).map_err(|expected| start.refusal(&expected))?;
+    }
     let mut enclosed = nodes;
     enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
     let log = sources.log.as_ref().map(|log| (log.positions(), log.path())).unwrap_or_default();

@@ -55,6 +55,8 @@ pub struct Process {
     restarts: Restarts,
     /// When to restart it, after it has ended.
     due: Option<Instant>,
+    /// Whether it was killed because it did not answer.
+    is_hung: bool,
 }
 
 /// A change of a process.
@@ -69,7 +71,16 @@ pub enum ProcessChange {
 impl Process {
     /// The process of `role`, or the link to other hosts, not started yet.
     pub fn new(role: Option<Role>, invocation: Invocation, restarts: Restarts) -> Self {
-        Self { role, invocation, child: None, started: Instant::now(), messages: None, restarts, due: None }
+        Self {
+            role,
+            invocation,
+            child: None,
+            started: Instant::now(),
+            messages: None,
+            restarts,
+            due: None,
+            is_hung: false,
+        }
     }
 
     /// Starts or restarts the process.
@@ -101,6 +112,7 @@ impl Process {
         }));
         self.child = Some(child);
         self.started = Instant::now();
+        self.is_hung = false;
         Ok(())
     }
 
@@ -157,11 +169,13 @@ impl Process {
         Some(status)
     }
 
-    /// Kills a process that does not answer, if its policy restarts it.
-    pub fn kill_hung(&self) {
-        if self.restarts.policy == Restart::OnFailure {
+    /// Kills a process that does not answer, if its policy restarts it. Returns whether that is new.
+    pub fn kill_hung(&mut self) -> bool {
+        let is_killed = self.restarts.policy == Restart::OnFailure;
+        if is_killed {
             self.signal(Signal::KILL);
         }
+        is_killed && !std::mem::replace(&mut self.is_hung, true)
     }
 
     /// Sends a signal to the process group, if the process is running.

@@ -190,8 +190,10 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                 None if process.is_running() => {
                     events.extend(heartbeat.update(beat, now).map(|event| (*role, event)));
                     let is_silent = heartbeat.is_silent_for(ring.terms.silence_limit()) && !is_last_slot;
-                    if is_silent || hung == Some(*role) {
-                        process.kill_hung();
+                    if (is_silent || hung == Some(*role)) && process.kill_hung() {
+                        let name = role.name();
+                        progress
+                            .say(&format!("{name} is killed, as it does not answer; if it is slow, raise --timeout"));
                     }
                 }
                 None => {}

@@ -92,3 +92,15 @@ fn a_suspended_machine_continues_to_a_complete_mission() {
     assert_eq!(place.summary("run")["restarts"], 0);
     place.assert_clean();
 }
+
+#[test]
+fn a_planner_that_computes_for_long_is_not_silent() {
+    let place = Place::new();
+    let flight = place.flight("small").without_viewer().strategy("horizon").timeout("120");
+    let flight =
+        flight.settings("sensors.count=200 area.side_m=800 uav.max_speed_mps=5 planner.horizon.iterations=12000");
+    let ended = flight.run();
+    let plan_us = place.summary("run")["timing"]["plan_max_us"].as_f64();
+    println!("the longest plan took {plan_us:?} us"); // a second or more, unless the machine is fast
+    assert!(!ended.stderr.contains("has sent no heartbeat"), "{ended:?}");
+}

@@ -374,6 +374,8 @@ mod tests {
             (Some(fix(47.0, 60.0)), Sender::Unproven),  // of another clock
             (Some(fix(47.1, 110.0)), Sender::Unproven), // 11 km away
             (Some(fix(47.001, 110.0)), Sender::Moved),
+            (Some(fix(47.0, 111.15)), Sender::Moved), // 1 s, and 2 % of 10 s
+            (Some(fix(47.0, 111.25)), Sender::Unproven),
         ] {
             assert_eq!(one.clone().hear(1, address(9), other.as_ref(), 11.0), expected, "{other:?}");
         }

@@ -5,7 +5,7 @@ use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::{line_of, quoted};
 use skysink_common::geodata::{NAME, check_geodetic, plausible};
 
-use super::imported::{Frame, IDS, Imported, ImportedSensor, OTHERS};
+use super::imported::{Frame, IDS, Imported, ImportedSensor, OTHERS, plain};
 
 /// The names of the columns with coordinates in lower case: first the name in a sensor list, then its aliases. Those of
 /// [`OTHERS`] follow.
@@ -94,8 +94,8 @@ fn name_and_unit(header: &str) -> (String, Option<String>) {
     let lower = header.to_lowercase();
     let unit = lower.strip_suffix([')', ']']).and_then(|rest| rest.rsplit_once(['(', '[']));
     match unit {
-        Some((name, unit)) => (name.trim_end_matches([' ', '_']).to_owned(), Some(unit.trim().to_owned())),
-        None => (lower, None),
+        Some((name, unit)) => (plain(name.trim_end_matches([' ', '_'])), Some(unit.trim().to_owned())),
+        None => (plain(&lower), None),
     }
 }
 
@@ -131,8 +131,9 @@ impl Columns {
                 continue;
             };
             let own = columns[column][0];
-            if let Some(unit) = unit.filter(|unit| !is_in(own, unit)) {
-                return Err(format!("column `{}`: unit `{}`: expected that of {own}", quoted(header), quoted(&unit)));
+            if unit.is_some_and(|unit| !is_in(own, &unit)) {
+                let expected = UNITS.iter().find(|(end, _)| own.ends_with(end)).map_or("none", |(_, units)| units[0]);
+                return Err(format!("column `{}`: its unit: expected {expected}, of {own}", quoted(header)));
             }
             if places[column].replace(place).is_some() {
                 return Err(format!("column `{}`: expected {own} once", quoted(header)));
@@ -226,6 +227,9 @@ mod tests {
     fn ids_are_names_where_there_are_no_names() {
         let named = read("Sensor ID;x;y\ns-7;1;2\n").unwrap();
         assert_eq!((named.others, &named.sensors[0].others), (vec!["name"], &vec!["s-7".to_owned()]));
+        let spaced = read("Node ID;x;y;Sampling rate (bps);Buffer-Size\ns-7;1;2;3;4\n").unwrap();
+        assert_eq!(spaced.others, ["sampling_bps", "capacity_bits", "name"]);
+        assert!(spaced.ignored.is_empty(), "{spaced:?}");
         let both = read("id,name,x,y\n7,a,1,2\n").unwrap();
         assert_eq!((both.others, both.ignored), (vec!["name"], vec!["column id".to_owned()]));
     }
@@ -239,13 +243,11 @@ mod tests {
         assert!(read("x,y\n1,\"2,5\"\n").unwrap_err().ends_with("y = 2,5: expected a number with a decimal point"));
         assert!(read("x;y\n1;1.234,5\n").unwrap_err().ends_with("y = 1.234,5: expected a number with a decimal point"));
         assert!(read("sep=;\nx;y\n1;two\n").unwrap_err().starts_with("line 3: y = two"));
-        assert!(
-            read("x [ft],y [ft]\n1,2\n").unwrap_err().ends_with("column `x [ft]`: unit `ft`: expected that of x_m")
-        );
+        assert!(read("x [ft],y [ft]\n1,2\n").unwrap_err().ends_with("column `x [ft]`: its unit: expected m, of x_m"));
         assert!(
             read("lat,lon,rate [kbit/s]\n1,2,3\n")
                 .unwrap_err()
-                .contains("unit `kbit/s`: expected that of sampling_bps")
+                .contains("column `rate [kbit/s]`: its unit: expected bit/s, of sampling_bps")
         );
         assert!(
             read("slot,time_s,lat_deg,lon_deg,scheduled\n0,0,1,2,\n")

@@ -40,26 +40,31 @@ pub struct Imported {
     pub ignored: Vec<String>,
 }
 
-/// The further columns of a sensor list, each followed by its aliases in imported files, in lower case.
+/// The further columns of a sensor list, each followed by its aliases in imported files, as [`plain`].
 pub const OTHERS: [&[&str]; 7] = [
     &["queue_bits", "queue"],
     &["gain_db", "gain"],
     &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
-    &["capacity_bits", "buffer_bits", "buffer"],
+    &["capacity_bits", "buffer_bits", "buffer_size", "buffer"],
     &["weight", "priority"],
     &[GROUND, "ground", "elevation_m", "elevation", "ele", "altitude_m", "altitude", "alt"],
     &[NAME, "label"],
 ];
 
-/// Columns, in lower case, that name the sensor nodes of a file without names.
-pub const IDS: [&str; 4] = ["id", "sensor id", "sensor_id", "sensorid"];
+/// Columns that name the sensor nodes of a file without names, as [`plain`].
+pub const IDS: [&str; 6] = ["id", "sensor_id", "sensorid", "node_id", "nodeid", "node"];
 
 /// The column of the ground's altitudes, which points of three coordinates have, too.
 pub const GROUND: &str = "ground_m";
 
+/// A name in lower case, with underscores instead of spaces and hyphens.
+pub fn plain(name: &str) -> String {
+    name.to_lowercase().replace([' ', '-'], "_")
+}
+
 /// The further column of a sensor list that a column or property called `name` is for.
 pub fn other(name: &str) -> Option<&'static str> {
-    let name = name.to_lowercase();
+    let name = plain(name);
     OTHERS.iter().find(|names| names.contains(&name.as_str())).map(|names| names[0])
 }
 
@@ -72,9 +77,8 @@ const MOST_NAMED: usize = 10;
 /// The index of the property of `point` for a further column: the first of the column's `names` that is not empty.
 fn property(point: &FoundPoint, names: &[&str]) -> Option<usize> {
     let is_given = |value: &str| !value.trim().is_empty();
-    let called = |alias: &&str| {
-        point.properties.iter().position(|(name, value)| name.to_lowercase() == **alias && is_given(value))
-    };
+    let called =
+        |alias: &&str| point.properties.iter().position(|(name, value)| plain(name) == **alias && is_given(value));
     names.iter().find_map(called)
 }
 

@@ -52,8 +52,19 @@ pub struct MappedRun {
     pub seed: u64,
     /// Slots flown.
     pub slots: u64,
-    /// Data loss rate η.
+    /// Slots of its mission: more in a run that has ended early.
+    pub planned_slots: u64,
+    /// Data loss rate η, in the slots flown.
     pub loss_rate: f64,
+}
+
+impl MappedRun {
+    /// The slots flown, in words: `300`, or `25 of 300`.
+    #[must_use]
+    pub fn flown(&self) -> String {
+        let Self { slots, planned_slots, .. } = self;
+        if slots < planned_slots { format!("{slots} of {planned_slots}") } else { slots.to_string() }
+    }
 }
 
 /// Replays the runs in these folders and draws a map of each, in their order, over the map of the links of the sensor
@@ -77,7 +88,8 @@ pub fn draw_maps(
     for (run, map) in runs.iter().zip(&mut maps) {
         // Runs of one strategy are named by their folders.
         let name = if strategies.len() == runs.len() { run.strategy.clone() } else { name_of(&run.run)? };
-        map.title = format!("{name}: η = {:.3}", run.loss_rate);
+        let part = if run.slots < run.planned_slots { format!(", slots {}", run.flown()) } else { String::new() };
+        map.title = format!("{name}: η = {:.3}{part}", run.loss_rate);
     }
     let missions: BTreeSet<String> = runs.iter().map(|run| format!("{}, seed {}", run.scenario, run.seed)).collect();
     let missions: Vec<String> = missions.into_iter().collect();
@@ -135,6 +147,7 @@ fn map(run: &Path, links_of: Option<&str>, stop: &Stop) -> Result<(MappedRun, Tr
         strategy: replay.label().to_owned(),
         seed: scenario.seed,
         slots: flown.len() as u64,
+        planned_slots: scenario.slots,
         loss_rate: replay.summary().loss_rate,
     };
     Ok((mapped, map))

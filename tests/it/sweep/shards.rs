@@ -105,7 +105,7 @@ fn a_plan_estimates_the_sweep_without_flying() {
     write_sweep(&place, 5);
     let ended = place.run_ok(&["sweep", "sweep.toml", "--plan"]);
     for says in
-        ["Points:    6, with 5 seeds: 30 fields\n", "Missions:  90, of 3 strategies\n", "  rfs  ", "CPU time:  about "]
+        ["Points:    6, with 5 seeds: 30 fields\n", "Missions:  90, of 3 strategies\n", "  rfs  ", "Time:      about "]
     {
         assert!(ended.stdout.contains(says), "{ended:?}");
     }
