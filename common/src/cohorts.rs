@@ -46,10 +46,22 @@ pub struct Cohorts {
     /// The slot that has sampled the last bit uploaded, by id; 0 before that.
     freshest: Vec<u32>,
     /// A slot before which no stored bit was sampled, by id.
-    oldest: Vec<u32>,
+    oldest: Hints,
     /// Bits that have expired so far.
     expired_bits: u64,
 }
+
+/// Where searches may begin: it makes no difference to what is found.
+#[derive(Debug, Clone)]
+struct Hints(Vec<u32>);
+
+impl PartialEq for Hints {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Eq for Hints {}
 
 impl Cohorts {
     /// The cohorts before slot 1 over these queues [bit].
@@ -59,7 +71,8 @@ impl Cohorts {
         let rows = usize::try_from(expiry.slots + 1).expect("an age within a mission that fits in memory");
         let count = queues_bits.len();
         bits.resize(rows * count, 0);
-        Self { expiry, count, slot: 0, bits, freshest: vec![0; count], oldest: vec![0; count], expired_bits: 0 }
+        let oldest = Hints(vec![0; count]);
+        Self { expiry, count, slot: 0, bits, freshest: vec![0; count], oldest, expired_bits: 0 }
     }
 
     /// Bits that have expired so far.
@@ -126,12 +139,12 @@ impl Cohorts {
     /// Removes the oldest `bits` [bit] of SN `sensor`, and returns the slot that has sampled the last of them.
     pub(crate) fn take_oldest(&mut self, sensor: usize, mut bits: u64) -> Option<u64> {
         let mut last = None;
-        let first = self.slot.saturating_sub(self.expiry.slots).max(self.oldest[sensor].into());
+        let first = self.slot.saturating_sub(self.expiry.slots).max(self.oldest.0[sensor].into());
         for slot in first..=self.slot {
             if bits == 0 {
                 break;
             }
-            self.oldest[sensor] = u32::try_from(slot).unwrap_or(0); // 0 is before all, and only slower
+            self.oldest.0[sensor] = u32::try_from(slot).unwrap_or(0); // 0 is before all, and only slower
             let index = self.row(slot) + sensor;
             let taken_bits = bits.min(self.bits[index].into()) as u32;
             self.bits[index] -= taken_bits;
@@ -174,7 +187,7 @@ impl Checkpoint for Cohorts {
         let [bits, freshest] = [bits, freshest].map(|bytes| bytemuck::pod_collect_to_vec::<u8, u32>(&bytes));
         let is_of_field = bits.len() == self.bits.len() && freshest.len() == self.count;
         CheckpointError::ensure(is_of_field, "the cohorts of this field")?;
-        let oldest = vec![0; self.count];
+        let oldest = Hints(vec![0; self.count]);
         *self = Self { slot, bits, freshest, oldest, expired_bits, ..*self };
         Ok(())
     }

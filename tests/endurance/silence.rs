@@ -101,6 +101,6 @@ fn a_planner_that_computes_for_long_is_not_silent() {
         flight.settings("sensors.count=200 area.side_m=800 uav.max_speed_mps=5 planner.horizon.iterations=12000");
     let ended = flight.run();
     let plan_us = place.summary("run")["timing"]["plan_max_us"].as_f64();
-    println!("the longest plan took {plan_us:?} us"); // a second or more, unless the machine is fast
+    assert!(plan_us > Some(1.2e6), "{plan_us:?}: it has to take longer than a process may be silent");
     assert!(!ended.stderr.contains("has sent no heartbeat"), "{ended:?}");
 }

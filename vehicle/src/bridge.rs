@@ -144,6 +144,7 @@ impl Bridge {
                 own_system,
                 flown_m: if is_in_mission { scenario.uav.max_speed_mps * scenario.slot_s } else { 0.0 },
                 was_armed: is_in_mission,
+                is_unarmed: false,
             };
             let mut control = VehicleControl::new(assignment, frame);
             match (beginning, report.flown_mode()) {
@@ -203,13 +204,20 @@ impl Bridge {
         refused
     }
 
-    /// Goes on with the vehicles as the bridge before has left them, whose last reports were `reports`; of those without a
-    /// history nothing else is known.
-    pub fn go_on(&mut self, histories: impl Iterator<Item = History>, reports: &[FlightReport]) {
-        let histories = histories.chain(std::iter::repeat(History::default()));
+    /// Goes on with the vehicles as the bridge before has left them, whose last reports, after `slot`, were `reports`; of
+    /// those without a history nothing else is known.
+    pub fn go_on(&mut self, histories: impl Iterator<Item = History>, slot: u64, reports: &[FlightReport]) {
+        let histories = histories.map(Some).chain(std::iter::repeat(None));
         for ((member, report), history) in self.members.iter_mut().zip(reports).zip(histories) {
-            member.control.go_on(history, report.flown_mode() == Mode::Return);
+            let is_new_run = slot == 0 && history.is_some();
+            let says_ended = report.flown_mode() == Mode::Return;
+            member.control.go_on(history.unwrap_or_default(), says_ended, is_new_run);
         }
+    }
+
+    /// Notes that an order to arm the vehicle of this number from 0 was not sent.
+    pub fn forget_arming(&mut self, uav: usize) {
+        self.members[uav].control.forget_arming();
     }
 
     /// What the bridge after this one has to know of the vehicles.

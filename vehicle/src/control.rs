@@ -116,7 +116,7 @@ pub struct VehicleControl {
     checked_since_s: Option<f64>,
     /// Why it returns as soon as it is known to be in the air: its mission has ended before it was heard.
     awaited_return: Option<String>,
-    /// Whether that return was in effect before.
+    /// Whether a return was in effect before.
     has_seen_return: bool,
     /// Whether the checks before take-off hold now.
     is_checked: bool,
@@ -178,6 +178,11 @@ impl VehicleControl {
     /// Believes nothing that was heard before: the bridge was stopped meanwhile.
     pub fn doubt(&mut self, now_s: f64) {
         self.vehicle.doubt(now_s);
+    }
+
+    /// Notes that the order to arm was not sent.
+    pub fn forget_arming(&mut self) {
+        self.takeover.answer_arming(false);
     }
 
     /// Takes the lines for people that have come up.

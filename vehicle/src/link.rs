@@ -144,11 +144,12 @@ impl Link {
         route.system.is_none().then(|| &self.connections[route.connection].address)
     }
 
-    /// Names the vehicles that the bridge before has chosen. They get heartbeats where it has heard them, before they are
+    /// Names the vehicles that the bridge before has chosen, and, which is the second of each, armed: they are no others. They
+    /// get heartbeats where it has heard them, before they are
     /// heard again.
-    pub fn name(&mut self, chosen: impl Iterator<Item = Option<ChosenVehicle>>) {
-        for (route, vehicle) in self.routes.iter_mut().zip(chosen) {
-            route.named = route.named.or(vehicle.map(|vehicle| vehicle.system));
+    pub fn name(&mut self, chosen: impl Iterator<Item = (Option<ChosenVehicle>, bool)>) {
+        for (route, (vehicle, was_armed)) in self.routes.iter_mut().zip(chosen) {
+            route.named = route.named.or(vehicle.filter(|_| was_armed).map(|vehicle| vehicle.system));
             route.before = vehicle;
             if let Some(ChosenVehicle { system, address: Some(address), .. }) = vehicle {
                 self.connections[route.connection].vehicles.expect(system, address);
@@ -440,7 +441,7 @@ mod tests {
     fn a_vehicle_of_the_bridge_before_is_known_beside_a_second_sender() {
         let mut link = link(&[""], 2);
         let at = |port: u16| Some(SocketAddr::from(([127, 0, 0, 1], port)));
-        let before = |system, port| Some(ChosenVehicle { system, address: at(port) });
+        let before = |system, port| (Some(ChosenVehicle { system, address: at(port) }), true);
         link.name([before(1, 1), before(2, 2)].into_iter());
         // The second one is heard first, and waited out.
         for (port, message) in [(9, beat(QUADROTOR)), (2, beat(QUADROTOR)), (9, charge(20))] {
@@ -449,6 +450,19 @@ mod tests {
         link.choose(0.3, |_| false, |_, _| None).unwrap();
         link.choose(0.4, |_| false, |_, _| None).unwrap();
         assert_eq!(address_of(&link, 1), Some(2));
+    }
+
+    #[test]
+    fn a_vehicle_that_the_bridge_before_has_not_armed_is_not_named_by_that() {
+        let chosen_beside_another = |was_armed| {
+            let mut link = link(&[""], 1);
+            link.name(std::iter::once((Some(ChosenVehicle { system: 7, address: None }), was_armed)));
+            for system in [7, 8] {
+                let _ = link.hear(0, &sent(system as u16, system, AUTOPILOT, beat(QUADROTOR)), 0.0);
+            }
+            link.choose(20.0, |_| false, |_, _| None)
+        };
+        assert!(chosen_beside_another(true).is_ok() && chosen_beside_another(false).is_err());
     }
 
     #[test]

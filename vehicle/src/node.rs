@@ -154,7 +154,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
         let saved = SavedVehicles::of(folder.path(), ring.restarts > 0);
-        link.name(saved.vehicles().iter().map(|vehicle| vehicle.chosen));
+        link.name(saved.vehicles().iter().map(|vehicle| (vehicle.chosen, vehicle.history.was_armed)));
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
         // The journal of a run that is resumed begins with one slot.
@@ -168,7 +168,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
         if ring.restarts > 0 {
-            bridge.go_on(saved.vehicles().iter().map(|vehicle| vehicle.history), reports);
+            bridge.go_on(saved.vehicles().iter().map(|vehicle| vehicle.history), *last, reports);
         }
         Ok(Self {
             bridge,
@@ -348,8 +348,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let vehicles =
             self.link.chosen().zip(self.bridge.histories()).map(|(chosen, history)| SavedVehicle { chosen, history });
         let is_saved = self.saved.save(vehicles.collect()); // before the order to arm, which the next bridge has to know of
-        let sent = orders.iter().filter(|(_, order)| is_saved || *order != Order::Arm);
-        sent.for_each(|(uav, order)| self.link.send(*uav, order));
+        for (uav, order) in orders {
+            if is_saved || order != Order::Arm {
+                self.link.send(uav, &order);
+            } else if !self.saved.vehicles().get(uav).is_some_and(|vehicle| vehicle.history.was_armed) {
+                self.bridge.forget_arming(uav); // it never was sent
+            }
+        }
         polled.map_err(|refused| refusal(&refused))
     }
 

@@ -57,6 +57,8 @@ pub struct Assignment {
     pub flown_m: f64,
     /// Whether a bridge before has armed it: it is not armed again.
     pub was_armed: bool,
+    /// Whether it is known that no bridge before has armed it.
+    pub is_unarmed: bool,
 }
 
 impl Assignment {
@@ -155,10 +157,13 @@ impl Preflight {
             }));
         };
         if is_armed {
-            if takeover.has_been_disarmed() {
+            if takeover.has_been_disarmed() || assignment.is_unarmed {
                 return Ok(Clearance::GiveUp("somebody else has armed it".to_owned()));
             }
             return self.judge_armed(vehicle, mode, position, assignment, now_s, orders);
+        }
+        if vehicle.is_high() && !vehicle.has_disarmed(now_s) {
+            return Ok(Clearance::Wait("to be on the ground, at the altitude of its home"));
         }
         takeover.note_disarmed();
         if assignment.was_armed {
@@ -196,6 +201,9 @@ impl Preflight {
             Beginning::Restarted { .. } if !is_in_air => Ok(Clearance::Abandon(format!(
                 "it is armed on the ground ({name}), and who has armed it is not known after a restart"
             ))),
+            Beginning::Restarted { .. } if vehicle.meaning() == ModeMeaning::Unknown => {
+                Ok(Clearance::Abandon(format!("who flies it is not known ({name})")))
+            }
             Beginning::Restarted { .. } if !is_left => Ok(Clearance::GiveUp(format!("it is flown by others ({name})"))),
             Beginning::Resumed | Beginning::Restarted { .. } => {
                 match self.check(vehicle, position, assignment, now_s, orders) {

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use skysink_ring::role::Role;
 
-use crate::control::History;
+use crate::control::{Fate, History};
 use crate::link::ChosenVehicle;
 
 /// The file of the ring with what is known of the vehicles.
@@ -46,6 +46,14 @@ impl SavedVehicles {
         if is_restarted {
             (vehicles, taken_over) = (read(&folder.join(VEHICLES)), read(&folder.join(TAKEN_OVER)));
         }
+        // One that was taken over, where only that could be written.
+        let mut open = vehicles
+            .iter_mut()
+            .zip(1..)
+            .filter(|(vehicle, _): &(&mut SavedVehicle, usize)| vehicle.history.fate == Fate::Open);
+        open.by_ref()
+            .filter(|(_, number)| taken_over.contains(number))
+            .for_each(|(vehicle, _)| vehicle.history.fate = Fate::Left);
         let has_chosen_before = vehicles.iter().any(|vehicle: &SavedVehicle| vehicle.chosen.is_some());
         Self { folder: folder.to_owned(), vehicles, has_chosen_before, taken_over, said: Vec::new() }
     }
@@ -104,21 +112,22 @@ fn read<T: DeserializeOwned + Default>(path: &Path) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::Fate;
 
     #[test]
     fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_tried_again() {
         let folder = tempfile::tempdir().unwrap();
         let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
         let of = |was_armed, fate| SavedVehicle { chosen, history: History { was_armed, fate } };
-        let fates = [Fate::Open, Fate::Returns { is_seen: true }, Fate::Left, Fate::Abandoned];
+        let fates = [Fate::Open, Fate::Ended, Fate::Returns { is_seen: true }, Fate::Left, Fate::Abandoned];
         let vehicles: Vec<_> = fates.into_iter().flat_map(|fate| [of(false, fate), of(true, fate)]).collect();
         let mut saved = SavedVehicles::of(folder.path(), false);
         assert!(!saved.has_chosen_before() && saved.save(Vec::new()) && saved.save(vehicles.clone()));
         saved.save_taken_over(vec![1]);
         saved.save_taken_over(vec![2]);
         let next = SavedVehicles::of(folder.path(), true);
-        assert_eq!((next.vehicles(), next.has_chosen_before()), (&*vehicles, true));
+        let mut expected = vehicles.clone();
+        expected[..2].iter_mut().for_each(|vehicle| vehicle.history.fate = Fate::Left); // as they were taken over
+        assert_eq!((next.vehicles(), next.has_chosen_before()), (&*expected, true));
         assert_eq!(next.taken_over, [1, 2]);
         assert!(SavedVehicles::of(folder.path(), false).vehicles().is_empty(), "a new run begins anew");
 

@@ -39,9 +39,11 @@ pub struct History {
 /// How far the mission of a vehicle has come.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fate {
-    /// It goes on, or has ended on the ground.
+    /// It goes on.
     #[default]
     Open,
+    /// It has ended on the ground.
+    Ended,
     /// It returns, or is to.
     Returns {
         /// Whether the return was seen in effect: whoever stops it is no failure of the link.
@@ -64,10 +66,15 @@ impl VehicleControl {
         match self.phase {
             Phase::TakenOver if self.is_abandoned => Fate::Abandoned,
             Phase::TakenOver => Fate::Left,
-            Phase::Returning => Fate::Returns { is_seen: self.takeover.has_seen_return() },
-            Phase::Preflight if self.awaited_return.is_some() => Fate::Returns { is_seen: self.has_seen_return },
+            Phase::Landed => Fate::Ended,
+            Phase::Returning => self.returns(),
+            Phase::Preflight if self.awaited_return.is_some() => self.returns(),
             _ => Fate::Open,
         }
+    }
+
+    fn returns(&self) -> Fate {
+        Fate::Returns { is_seen: self.has_seen_return || self.takeover.has_seen_return() }
     }
 
     /// Whether others have taken it over while this bridge flew it.
@@ -106,7 +113,7 @@ impl VehicleControl {
 
     /// Whether it is to return as soon as it is heard, or does, or is flown by others.
     pub fn has_ended_in_air(&self) -> bool {
-        self.fate() != Fate::Open
+        !matches!(self.fate(), Fate::Open | Fate::Ended)
     }
 
     /// The phase of its mission.

@@ -10,9 +10,11 @@ const CHECKS_S: f64 = 150.0;
 
 impl VehicleControl {
     /// Goes on as the bridge before has left it, by its `history`, and by its last report, which `says_ended` if its mission
-    /// has ended in the air. It is not armed twice.
-    pub fn go_on(&mut self, history: History, says_ended: bool) {
+    /// has ended in the air; whether all bridges of its flight are of this run, so that no other has armed it. It is not armed
+    /// twice.
+    pub fn go_on(&mut self, history: History, says_ended: bool, is_new_run: bool) {
         self.assignment.was_armed |= history.was_armed;
+        self.assignment.is_unarmed = is_new_run && !history.was_armed;
         if self.phase != Phase::Preflight {
             return; // it stays down
         }
@@ -23,6 +25,10 @@ impl VehicleControl {
                 self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
                 self.has_seen_return = is_seen;
                 self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
+            }
+            Fate::Ended => {
+                self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
+                self.land("its mission was over before this bridge began");
             }
             Fate::Left => self.leave(false),
             Fate::Abandoned | Fate::Open => self.leave(true),
@@ -60,6 +66,10 @@ impl VehicleControl {
     /// Ends the mission of a vehicle in the air, in the mode that follows orders, that is to return, or does not pass the
     /// checks. Returns whether.
     fn end_in_air(&mut self, now_s: f64) -> bool {
+        if self.has_seen_return {
+            self.give_up("its return was stopped without an order of the bridge");
+            return true;
+        }
         let since_s = *self.checked_since_s.get_or_insert(now_s);
         let missing = self.preflight.missing.filter(|_| now_s - since_s > CHECKS_S);
         let late = missing.map(|missing| format!("the bridge has waited {CHECKS_S} s for it {missing}"));
@@ -68,11 +78,7 @@ impl VehicleControl {
             return late.is_some();
         }
         let Some(why) = self.awaited_return.take().or(late) else { return false };
-        if self.has_seen_return {
-            self.give_up("its return was stopped without an order of the bridge");
-        } else {
-            self.return_home(&why, now_s);
-        }
+        self.return_home(&why, now_s);
         true
     }
 
@@ -95,23 +101,23 @@ impl VehicleControl {
 
     /// Checks whether the vehicle may take off, or is in the air already.
     pub(super) fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
+        if self.awaited_return.is_some() && self.vehicle.has_disarmed(now_s) {
+            self.takeover.note_disarmed();
+            let why = self.awaited_return.take().unwrap_or_default();
+            self.land(&why);
+            return Ok(());
+        }
         if self.is_left_in_air(ModeMeaning::FollowsOrders) && self.end_in_air(now_s) {
             return Ok(());
         }
+        self.has_seen_return |= self.is_left_in_air(ModeMeaning::Returns);
         if self.awaited_return.is_some() && self.is_of_earlier_bridge(ModeMeaning::Returns) {
             self.watch_return();
             return Ok(());
         }
         let position = self.position().filter(|_| self.has_current_position(now_s));
         let Self { preflight, vehicle, takeover, assignment, .. } = self;
-        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders);
-        if self.takeover.has_been_disarmed()
-            && let Some(why) = self.awaited_return.take()
-        {
-            self.land(&why);
-            return Ok(());
-        }
-        let clearance = clearance?;
+        let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders)?;
         match clearance {
             Clearance::Wait(missing) => self.await_missing(missing, now_s),
             Clearance::GiveUp(why) => self.give_up(&why),
@@ -185,7 +191,8 @@ impl VehicleControl {
     /// Whether a vehicle that is not checked yet is in the air, in such a mode, and may be that of an earlier bridge.
     fn is_left_in_air(&self, meaning: ModeMeaning) -> bool {
         let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
-        is_left && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
+        let may_be_ours = is_left && !self.assignment.is_unarmed;
+        may_be_ours && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
     }
 
     /// Whether it is where an earlier bridge has left it, too.
@@ -199,6 +206,7 @@ impl VehicleControl {
         self.takeover.order(&Order::Return); // that of the bridge before
         self.said.say("is on its way home".to_owned());
         self.note_end("it has returned");
+        self.has_seen_return = true;
         self.phase = Phase::Returning;
     }
 }

@@ -161,7 +161,7 @@ impl VehicleControl {
         };
         match self.phase {
             Phase::Returning | Phase::TakenOver | Phase::Landed => return,
-            Phase::Preflight if self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) => {
+            Phase::Preflight if !self.has_seen_return && self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) => {
                 self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
             }
             Phase::Preflight if self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed() => {

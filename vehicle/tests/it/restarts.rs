@@ -24,7 +24,7 @@ fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
         let reports = before.reports.clone();
         let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
         let history = History { was_armed: true, fate: Fate::Left }; // it was taken over before it landed
-        flight.bridge.go_on(std::iter::once(history), &before.reports);
+        flight.bridge.go_on(std::iter::once(history), 1, &before.reports);
         flight.advance(60.0);
         assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
         assert_eq!(count(&flight, "was down before, and stays down"), 1);
@@ -39,7 +39,8 @@ fn restarted(before: &ClosedLoop, beginning: Beginning) -> ClosedLoop {
     let reports = before.reports.clone();
     let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
     if beginning != Beginning::Resumed {
-        flight.bridge.go_on(before.bridge.histories(), &before.reports);
+        let slot = u64::from(before.reports[0].time_s > 0.0);
+        flight.bridge.go_on(before.bridge.histories(), slot, &before.reports);
     }
     (flight.copter, flight.start_m) = (before.copter.clone(), before.start_m);
     flight.autopilot = before.autopilot;
@@ -278,7 +279,7 @@ fn a_vehicle_that_is_home_keeps_no_other_from_taking_off() {
     let (mut bridge, mut now_s) = (fleet(Beginning::Restarted { in_mission: false }, ""), 0.0);
     let home = History { was_armed: true, fate: Fate::Returns { is_seen: true } };
     let reports = start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n"));
-    bridge.go_on([History::default(), home].into_iter(), &reports); // the second is switched off
+    bridge.go_on([History::default(), home].into_iter(), 1, &reports); // the second is switched off
     let orders = run(&mut bridge, 8.0, &mut now_s, |bridge, now_s| {
         speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, false, now_s);
     });
@@ -362,7 +363,7 @@ fn a_vehicle_that_the_bridge_gives_up_in_the_air_gets_no_heartbeats() {
         });
         assert_eq!(bridge.control(1).heartbeats(now_s), of_it, "{away_m} m");
         let mut next = fleet(RESTARTED, "");
-        next.go_on(bridge.histories(), &start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n")));
+        next.go_on(bridge.histories(), 1, &start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n")));
         run(&mut next, 5.0, &mut now_s, |bridge, now_s| speak(bridge, 1, [60.0, 50.0, 20.0], GUIDED, true, now_s));
         assert_eq!(next.control(1).heartbeats(now_s), of_it, "{away_m} m, under the next bridge");
     }
@@ -426,6 +427,11 @@ fn a_vehicle_that_is_refused_while_its_order_to_arm_is_under_way_is_sent_home() 
         let orders = run(&mut bridge, 3.0, &mut now_s, on_ground([true, answer.is_none()]));
         assert_eq!(orders.contains(&(1, Order::Return)), answer.is_none(), "{orders:?}");
         assert!(orders.iter().all(|(uav, order)| *uav == 0 || *order == Order::Return), "{orders:?}");
+        // Nor does the next bridge arm it.
+        let mut next = fleet(Beginning::Restarted { in_mission: false }, "");
+        next.go_on(bridge.histories(), 0, &start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n")));
+        let orders = run(&mut next, 8.0, &mut now_s, on_ground([false; 2]));
+        assert!(!orders.contains(&(1, Order::Arm)), "{orders:?}");
     }
 }
 
@@ -468,4 +474,104 @@ fn a_vehicle_keeps_clear_of_where_a_silent_one_was_sent() {
             assert_eq!(reports[0].hold, hold as u32, "slot {slot}, {keys:?}");
         }
     }
+}
+
+#[test]
+fn a_vehicle_that_has_landed_under_the_bridge_before_is_not_flown_by_the_next() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.copter.change_to(CopterMode::Loiter);
+    before.advance(2.5);
+    before.copter.change_to(CopterMode::Land);
+    before.until(120.0, |before| before.bridge.has_landed());
+    before.copter.take_off_by_hand(15.0); // by another ground station
+    before.copter.mode = CopterMode::Guided;
+    for beginning in [RESTARTED, Beginning::Restarted { in_mission: false }] {
+        let mut flight = restarted(&restarted(&before, beginning), beginning);
+        flight.advance(20.0);
+        assert!(flight.orders.is_empty() && flight.bridge.has_landed(), "{:?}", flight.said);
+        assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Due);
+        assert_eq!(flight.bridge.has_begun(), beginning == RESTARTED, "slots need somebody who flies");
+    }
+}
+
+#[test]
+fn what_is_known_of_a_vehicle_outlives_several_bridges() {
+    let mut before = flight_over(AutopilotKind::ArduPilot);
+    before.until(60.0, |before| before.copter.is_armed);
+    before.copter.disarm(); // while there is no bridge
+    let beginning = Beginning::Restarted { in_mission: false };
+    let mut flight = restarted(&restarted(&before, beginning), beginning);
+    flight.advance(60.0);
+    assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
+
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    let now_s = before.now_s;
+    before.bridge.return_home("its battery is low", now_s);
+    before.until(10.0, |before| before.copter.mode == CopterMode::Return);
+    before.fly_slot(1, None);
+    before.copter.mode = CopterMode::Guided; // somebody has stopped the return
+    let mut flight = restarted(&restarted(&before, RESTARTED), RESTARTED);
+    flight.frozen = Some(Vec::new()); // it is heard late
+    flight.advance(40.0);
+    flight.frozen = None;
+    flight.advance(20.0);
+    assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+}
+
+#[test]
+fn a_vehicle_that_no_bridge_of_the_run_has_armed_is_left_alone() {
+    let beginning = Beginning::Restarted { in_mission: false };
+    let reports = start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n"));
+    for returns in [false, true] {
+        let (mut bridge, mut now_s) = (fleet(beginning, ""), 0.0);
+        bridge.go_on([History::default(); 2].into_iter(), 0, &reports);
+        if returns {
+            bridge.return_home("the run is stopped", now_s);
+        }
+        let orders = run(&mut bridge, 10.0, &mut now_s, |bridge, now_s| {
+            speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
+        });
+        assert_eq!((orders, bridge.control(0).phase()), (vec![], Phase::TakenOver));
+    }
+}
+
+#[test]
+fn a_resumed_run_takes_no_vehicle_whose_return_somebody_has_stopped() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, Beginning::Resumed);
+    flight.copter.change_to(CopterMode::Return);
+    flight.advance(3.0);
+    flight.copter.mode = CopterMode::Guided;
+    flight.advance(20.0);
+    assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+}
+
+#[test]
+fn a_vehicle_of_an_unknown_autopilot_is_left_to_its_dead_man_switch_by_a_restarted_bridge() {
+    let mut before = hovering(AutopilotKind::Other);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.advance(20.0);
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld, "{:?}", flight.said);
+    assert!(flight.orders.is_empty());
+}
+
+#[test]
+fn a_vehicle_in_the_air_that_says_it_is_disarmed_is_not_taken_for_landed() {
+    let (mut bridge, mut now_s) = (fleet(RESTARTED, ""), 0.0);
+    run(&mut bridge, 0.3, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, false, now_s));
+    run(&mut bridge, 8.0, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s));
+    assert_eq!(bridge.control(0).phase(), Phase::Flying);
+
+    // One that stands without a position has landed.
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    let now_s = before.now_s;
+    before.bridge.return_home("its battery is low", now_s);
+    before.fly_slot(1, None);
+    before.until(150.0, |before| !before.copter.is_armed);
+    let mut flight = restarted(&before, RESTARTED);
+    flight.says_no_position = true;
+    flight.advance(20.0);
+    assert!(flight.bridge.has_landed(), "{:?}", flight.said);
 }
