@@ -68,7 +68,8 @@ fn remove_files(config: &Config, id: u128) {
 /// Period of the janitor's scans.
 const SCAN_PERIOD: Duration = Duration::from_millis(40);
 
-/// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds.
+/// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds. One that has to
+/// wait for a core, or was stopped, needs any time: while [`may_be_finished`], scans do not count.
 const MAX_SCANS: u32 = 3;
 
 /// A thread that removes abandoned shared memory of a ring until it is dropped.
@@ -114,7 +115,7 @@ fn remove_abandoned(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>
             continue;
         }
         let path = entry.path();
-        let scans = before.get(&path).map_or(1, |scans| scans + 1);
+        let scans = before.get(&path).copied().unwrap_or(0) + u32::from(!may_be_finished(&path));
         if scans < MAX_SCANS {
             unfinished.insert(path, scans);
         } else {
@@ -124,10 +125,48 @@ fn remove_abandoned(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>
     unfinished
 }
 
+/// Whether a thread of a process that has the file open runs, waits for a core, or is stopped: it may be creating the file.
+/// Those who wait for the file sleep.
+fn may_be_finished(path: &Path) -> bool {
+    let own = fs::canonicalize("/proc/thread-self").unwrap_or_default();
+    let entries = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_awake = |thread: &PathBuf| {
+        let state = fs::read_to_string(thread.join("stat")).unwrap_or_default();
+        let state = state.rsplit_once(") ").and_then(|(_, rest)| rest.chars().next());
+        *thread != own && state.is_some_and(|state| !"SIZX".contains(state))
+    };
+    let has_it_open =
+        |process: &PathBuf| entries(process.join("fd")).any(|fd| fs::read_link(fd).is_ok_and(|to| to == path));
+    entries("/proc".into())
+        .filter(has_it_open)
+        .any(|process| entries(process.join("task")).any(|thread| is_awake(&thread)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    #[test]
+    fn what_a_process_creates_that_waits_for_a_core_is_not_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky1_a.data");
+        let mut file = fs::OpenOptions::new();
+        let created =
+            std::os::unix::fs::OpenOptionsExt::mode(file.write(true).create(true), 0o200).open(&path).unwrap();
+        let scan = |unfinished: &BTreeMap<PathBuf, u32>| remove_abandoned(folder.path(), "sky1_", unfinished);
+        let is_done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| while !is_done.load(Ordering::Relaxed) {}); // the creator, as far as can be seen
+            let unfinished = (0..20).fold(BTreeMap::new(), |unfinished, _| scan(&unfinished));
+            is_done.store(true, Ordering::Relaxed);
+            assert_eq!((unfinished.len(), path.exists()), (1, true));
+        });
+        drop(created); // it is dead
+        let _ = (0..3).fold(BTreeMap::new(), |unfinished, _| scan(&unfinished));
+        assert!(!path.exists());
+    }
 
     #[test]
     fn only_files_that_remain_unfinished_are_removed() {
