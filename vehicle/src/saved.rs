@@ -42,19 +42,16 @@ impl SavedVehicles {
     /// What the bridge before has saved in the folder of the ring, if this one `is_restarted`.
     #[must_use]
     pub fn of(folder: &Path, is_restarted: bool) -> Self {
-        let (mut vehicles, mut taken_over) = (Vec::new(), Vec::new());
+        let (mut vehicles, mut taken_over) = (Vec::<SavedVehicle>::new(), Vec::<usize>::new());
         if is_restarted {
             (vehicles, taken_over) = (read(&folder.join(VEHICLES)), read(&folder.join(TAKEN_OVER)));
         }
-        // One that was taken over, where only that could be written.
-        let mut open = vehicles
-            .iter_mut()
-            .zip(1..)
-            .filter(|(vehicle, _): &(&mut SavedVehicle, usize)| vehicle.history.fate == Fate::Open);
-        open.by_ref()
-            .filter(|(_, number)| taken_over.contains(number))
-            .for_each(|(vehicle, _)| vehicle.history.fate = Fate::Left);
-        let has_chosen_before = vehicles.iter().any(|vehicle: &SavedVehicle| vehicle.chosen.is_some());
+        for (vehicle, number) in vehicles.iter_mut().zip(1..) {
+            if vehicle.history.fate == Fate::Open && taken_over.contains(&number) {
+                vehicle.history.fate = Fate::Left; // only that could be written
+            }
+        }
+        let has_chosen_before = vehicles.iter().any(|vehicle| vehicle.chosen.is_some());
         Self { folder: folder.to_owned(), vehicles, has_chosen_before, taken_over, said: Vec::new() }
     }
 
