@@ -158,7 +158,11 @@ mod tests {
         let scan = |unfinished: &BTreeMap<PathBuf, u32>| remove_abandoned(folder.path(), "sky1_", unfinished);
         let is_done = AtomicBool::new(false);
         std::thread::scope(|scope| {
-            scope.spawn(|| while !is_done.load(Ordering::Relaxed) {}); // the creator, as far as can be seen
+            scope.spawn(|| {
+                while !is_done.load(Ordering::Relaxed) {
+                    std::hint::spin_loop(); // the creator, as far as can be seen
+                }
+            });
             let unfinished = (0..20).fold(BTreeMap::new(), |unfinished, _| scan(&unfinished));
             is_done.store(true, Ordering::Relaxed);
             assert_eq!((unfinished.len(), path.exists()), (1, true));
