@@ -40,7 +40,8 @@ pub struct Imported {
     pub ignored: Vec<String>,
 }
 
-/// The further columns of a sensor list, each followed by its aliases in imported files, as [`plain`].
+/// The further columns of a sensor list, each followed by its aliases in imported files, in lower
+/// case, with underscores.
 pub const OTHERS: [&[&str]; 7] = [
     &["queue_bits", "queue"],
     &["gain_db", "gain"],
@@ -51,7 +52,7 @@ pub const OTHERS: [&[&str]; 7] = [
     &[NAME, "label"],
 ];
 
-/// Columns that name the sensor nodes of a file without names, as [`plain`].
+/// Columns, in lower case, with underscores, that name the sensor nodes of a file without names.
 pub const IDS: [&str; 6] = ["id", "sensor_id", "sensorid", "node_id", "nodeid", "node"];
 
 /// The column of the ground's altitudes, which points of three coordinates have, too.
