@@ -69,7 +69,7 @@ fn remove_files(config: &Config, id: u128) {
 const SCAN_PERIOD: Duration = Duration::from_millis(40);
 
 /// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds. One that has to
-/// wait for a core, or was stopped, needs any time: while [`may_be_finished`], scans do not count.
+/// wait for a core, or was stopped, needs any time: then it [`may_be_finished`].
 const MAX_SCANS: u32 = 3;
 
 /// A thread that removes abandoned shared memory of a ring until it is dropped.
@@ -115,9 +115,9 @@ fn remove_abandoned(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>
             continue;
         }
         let path = entry.path();
-        let scans = before.get(&path).copied().unwrap_or(0) + u32::from(!may_be_finished(&path));
-        if scans < MAX_SCANS {
-            unfinished.insert(path, scans);
+        let scans = before.get(&path).map_or(1, |scans| scans + 1);
+        if scans < MAX_SCANS || may_be_finished(&path) {
+            unfinished.insert(path, scans.min(MAX_SCANS - 1));
         } else {
             let _ = fs::remove_file(path); // its creator may have removed it
         }
