@@ -78,9 +78,7 @@ pub fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).set("slots", 12).start();
     run.until_slot(4);
-    vehicle.act(|copter| {
-        let _ = copter.change_to(CopterMode::Loiter);
-    });
+    vehicle.change_to(CopterMode::Loiter);
     run.until_printed("vehicle 1: is taken over: its mode changed to LOITER without an order of the bridge");
     run.until_printed("vehicle 1: the run waits for its landing; Ctrl-C ends the run");
     assert_eq!(vehicle.copter().mode, CopterMode::Loiter);
@@ -96,9 +94,7 @@ pub fn a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed() {
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
     run.until_slot(2);
-    vehicle.act(|copter| {
-        let _ = copter.change_to(CopterMode::Loiter);
-    });
+    vehicle.change_to(CopterMode::Loiter);
     run.until_printed("vehicle 1: is taken over");
     let ended = run.terminate();
     assert!(ended.stderr.contains("; it is not resumed, as a vehicle was taken over"), "{ended:?}");
@@ -236,9 +232,7 @@ pub fn a_takeover_outlives_the_bridge() {
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
     run.until_slot(2);
-    vehicle.act(|copter| {
-        let _ = copter.change_to(CopterMode::Loiter);
-    });
+    vehicle.change_to(CopterMode::Loiter);
     run.until_printed("vehicle 1: is taken over: its mode changed to LOITER");
     run.until_slots_later(1);
     vehicle.act(|copter| copter.mode = CopterMode::Guided); // handed to another ground station

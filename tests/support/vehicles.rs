@@ -7,7 +7,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use skysink_common::stop::Stop;
-use skysink_kinematic_vehicle::autopilot::Copter;
+use skysink_kinematic_vehicle::autopilot::{Copter, CopterMode};
 use skysink_kinematic_vehicle::{KinematicOptions, server};
 
 use super::flight::FlightBuilder;
@@ -89,6 +89,13 @@ impl TestVehicle {
     /// Lets its pilot do something.
     pub fn act(&self, act: impl FnOnce(&mut Copter) + Send + 'static) {
         self.acts.lock().unwrap().push(Box::new(act));
+    }
+
+    /// Lets its pilot choose a mode.
+    pub fn change_to(&self, mode: CopterMode) {
+        self.act(move |copter| {
+            let _ = copter.change_to(mode);
+        });
     }
 
     /// Loses what it sends, from now on, not what it gets.
