@@ -88,7 +88,7 @@ impl Janitor {
         let thread = thread::spawn(move || {
             let mut unfinished = BTreeMap::new();
             while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(SCAN_PERIOD) {
-                unfinished = remove_abandoned(Path::new(SHARED_MEMORY), &prefix, &unfinished);
+                unfinished = remove_abandoned(Path::new(SHARED_MEMORY), &prefix, &unfinished, has_waking_process);
             }
         });
         Self { end: Some(end), thread: Some(thread) }
@@ -104,72 +104,116 @@ impl Drop for Janitor {
     }
 }
 
-/// Scans once: removes files that were unfinished in [`MAX_SCANS`] scans, and returns the other unfinished ones, each
-/// with its number of scans. `before` is the result of the last scan.
-fn remove_abandoned(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>) -> BTreeMap<PathBuf, u32> {
-    const OWNER_READ: u32 = 0o400;
+/// Scans once: removes files that were unfinished in [`MAX_SCANS`] scans and that no awake process has open, and returns
+/// the other unfinished ones, each with its number of scans. `before` is the result of the last scan.
+fn remove_abandoned(
+    folder: &Path,
+    prefix: &str,
+    before: &BTreeMap<PathBuf, u32>,
+    has_waking_process: impl Fn(&Path) -> bool,
+) -> BTreeMap<PathBuf, u32> {
     let mut unfinished = BTreeMap::new();
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let is_of_ring = entry.file_name().to_string_lossy().starts_with(prefix);
-        if !is_of_ring || entry.metadata().is_ok_and(|file| file.mode() & OWNER_READ != 0) {
+    for path in entries(folder) {
+        let is_of_ring = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(prefix));
+        if !is_of_ring || is_finished(&path) {
             continue;
         }
-        let path = entry.path();
         let scans = before.get(&path).map_or(1, |scans| scans + 1);
-        if scans < MAX_SCANS || may_be_finished(&path) {
+        if scans < MAX_SCANS || has_waking_process(&path) {
             unfinished.insert(path, scans.min(MAX_SCANS - 1));
-        } else {
+        } else if !is_finished(&path) {
+            // Its creator has not finished it and gone to sleep while the processes were looked through.
             let _ = fs::remove_file(path); // its creator may have removed it
         }
     }
     unfinished
 }
 
+/// Whether a file is readable, or there is none.
+fn is_finished(path: &Path) -> bool {
+    const OWNER_READ: u32 = 0o400;
+    fs::symlink_metadata(path).map_or(true, |file| file.mode() & OWNER_READ != 0)
+}
+
 /// Whether a thread of a process that has the file open runs, waits for a core, or is stopped: it may be creating the file.
-/// Those who wait for the file sleep.
-fn may_be_finished(path: &Path) -> bool {
+/// Those who wait for the file sleep. The calling thread does not count.
+fn has_waking_process(path: &Path) -> bool {
     let own = fs::canonicalize("/proc/thread-self").unwrap_or_default();
-    let entries = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let is_awake = |thread: &PathBuf| {
+    let is_awake = |thread: PathBuf| {
         let state = fs::read_to_string(thread.join("stat")).unwrap_or_default();
         let state = state.rsplit_once(") ").and_then(|(_, rest)| rest.chars().next());
-        *thread != own && state.is_some_and(|state| !"SIZX".contains(state))
+        thread != own && state.is_some_and(|state| !"SIZX".contains(state))
     };
+    let is_numbered =
+        |process: &PathBuf| process.file_name().is_some_and(|name| name.to_string_lossy().parse::<u32>().is_ok());
     let has_it_open =
-        |process: &PathBuf| entries(process.join("fd")).any(|fd| fs::read_link(fd).is_ok_and(|to| to == path));
-    entries("/proc".into())
+        |process: &PathBuf| entries(&process.join("fd")).any(|fd| fs::read_link(fd).is_ok_and(|to| to == path));
+    entries(Path::new("/proc"))
+        .filter(is_numbered) // not `self`, by which the calling thread has another path
         .filter(has_it_open)
-        .any(|process| entries(process.join("task")).any(|thread| is_awake(&thread)))
+        .any(|process| entries(&process.join("task")).any(is_awake))
+}
+
+/// The paths in a folder; none if it cannot be read.
+fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::PermissionsExt;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+    use std::process::{Child, Command};
+
+    /// Scans `count` times.
+    fn scans(folder: &Path, count: u32, has_waking_process: fn(&Path) -> bool) -> BTreeMap<PathBuf, u32> {
+        let scan = |unfinished, _| remove_abandoned(folder, "sky1_", &unfinished, has_waking_process);
+        (0..count).fold(BTreeMap::new(), scan)
+    }
+
+    /// An unfinished file, held open by a process.
+    fn unfinished_in(folder: &Path, script: &str) -> (PathBuf, Child) {
+        let path = folder.join("sky1_a.data");
+        let file = fs::OpenOptions::new().write(true).create(true).truncate(true).mode(0o200).open(&path).unwrap();
+        (path, Command::new("sh").args(["-c", script]).stdout(file).spawn().unwrap())
+    }
+
+    fn end(mut process: Child) {
+        process.kill().unwrap();
+        process.wait().unwrap();
+    }
 
     #[test]
     fn what_a_process_creates_that_waits_for_a_core_is_not_removed() {
         let folder = tempfile::tempdir().unwrap();
+        let (path, busy) = unfinished_in(folder.path(), "while :; do :; done");
+        let unfinished = scans(folder.path(), 20, has_waking_process);
+        assert_eq!((unfinished.len(), path.exists()), (1, true));
+        end(busy);
+        scans(folder.path(), MAX_SCANS, has_waking_process);
+        assert!(!path.exists(), "its creator is dead");
+    }
+
+    #[test]
+    fn what_only_sleeping_processes_have_open_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, asleep) = unfinished_in(folder.path(), "exec sleep 1000");
+        let _own = fs::OpenOptions::new().append(true).open(&path).unwrap(); // whoever scans does not create it
+        while path.exists() {
+            scans(folder.path(), MAX_SCANS, has_waking_process); // until it and all other tests sleep
+        }
+        end(asleep);
+    }
+
+    #[test]
+    fn what_is_finished_while_processes_are_looked_through_is_not_removed() {
+        let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky1_a.data");
-        let mut file = fs::OpenOptions::new();
-        let created =
-            std::os::unix::fs::OpenOptionsExt::mode(file.write(true).create(true), 0o200).open(&path).unwrap();
-        let scan = |unfinished: &BTreeMap<PathBuf, u32>| remove_abandoned(folder.path(), "sky1_", unfinished);
-        let is_done = AtomicBool::new(false);
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while !is_done.load(Ordering::Relaxed) {
-                    std::hint::spin_loop(); // the creator, as far as can be seen
-                }
-            });
-            let unfinished = (0..20).fold(BTreeMap::new(), |unfinished, _| scan(&unfinished));
-            is_done.store(true, Ordering::Relaxed);
-            assert_eq!((unfinished.len(), path.exists()), (1, true));
-        });
-        drop(created); // it is dead
-        let _ = (0..3).fold(BTreeMap::new(), |unfinished, _| scan(&unfinished));
-        assert!(!path.exists());
+        fs::write(&path, "").unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o200)).unwrap();
+        let finish_and_sleep = |path: &Path| fs::set_permissions(path, fs::Permissions::from_mode(0o600)).is_err();
+        assert_eq!(scans(folder.path(), MAX_SCANS, finish_and_sleep).len(), 0);
+        assert!(path.exists());
     }
 
     #[test]
@@ -185,12 +229,11 @@ mod tests {
         let late = file("sky1_b.connection", 0o200);
         let finished = file("sky1_c.data", 0o600);
         let of_other_ring = file("sky2_a.connection", 0o200);
-        let mut unfinished = remove_abandoned(folder.path(), "sky1_", &BTreeMap::new());
-        unfinished = remove_abandoned(folder.path(), "sky1_", &unfinished);
+        let scan = |unfinished| remove_abandoned(folder.path(), "sky1_", &unfinished, has_waking_process);
+        let unfinished = scan(scan(BTreeMap::new()));
         assert!(abandoned.exists());
         fs::set_permissions(&late, fs::Permissions::from_mode(0o600)).unwrap();
-        unfinished = remove_abandoned(folder.path(), "sky1_", &unfinished);
-        assert!(unfinished.is_empty());
+        assert!(scan(unfinished).is_empty());
         assert_eq!([abandoned, late, finished, of_other_ring].map(|path| path.exists()), [false, true, true, true]);
     }
 }
