@@ -118,7 +118,13 @@ impl RunFolder {
             return Ok(());
         }
         if earlier == Earlier::Kept {
-            return Err(refuse(out, "it exists: choose another --out, or pass --force to replace the run in it"));
+            let is_interrupted = |run: Self| run.mode.pace.is_some() && !run.is_complete();
+            let fly_on = match Self::open_to_read(out).is_ok_and(is_interrupted) {
+                true => ", fly on with skysink run --resume",
+                false => "",
+            };
+            let message = format!("it exists: choose another --out{fly_on}, or pass --force to replace the run in it");
+            return Err(refuse(out, message));
         }
         let content = LAYOUT.content(out).map_err(|error| refuse(out, error))?;
         if let Some(name) = content.own().find(|name| !is_plain_file(&out.join(name))) {

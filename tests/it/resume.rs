@@ -163,6 +163,19 @@ fn a_complete_run_keeps_its_times_when_it_is_resumed() {
 }
 
 #[test]
+fn whoever_flies_into_an_interrupted_run_learns_how_to_fly_on() {
+    let place = Place::new();
+    record_holds(&place.path("run"), 3, None);
+    let begun = place.read("run/slots.csv");
+    let scenario = place.scenario("smoke");
+    place.run_refused(
+        &["run", &scenario, "--out", "run", "--no-viewer"],
+        "fly on with skysink run --resume, or pass --force",
+    );
+    assert_eq!(place.read("run/slots.csv"), begun);
+}
+
+#[test]
 fn a_long_resumption_reports_its_progress() {
     let place = Place::new();
     record_holds(&place.path("run"), SLOTS, None);
