@@ -84,6 +84,7 @@ class Side:
         self.direct = MavlinkDirectServer(component)
         self.params = ParamServer(component)
         self.params.provide_param_int("NAV_DLL_ACT", 2)
+        self.params.provide_param_int("COM_DLL_EXCEPT", 0)
         self.action.set_armable(True, True)
         self.action.set_disarmable(True, True)
         self.action.set_allow_takeoff(True)

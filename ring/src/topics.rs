@@ -368,7 +368,17 @@ pub fn is_release(commit: &SlotHeader) -> bool {
 /// Time on the monotonic clock [ns], common to all processes of a machine.
 #[must_use]
 pub fn monotonic_ns() -> u64 {
-    let time = clock_gettime(ClockId::Monotonic);
+    nanoseconds(ClockId::Monotonic)
+}
+
+/// Time since the machine was started [ns], also while it was suspended.
+#[must_use]
+pub fn boot_ns() -> u64 {
+    nanoseconds(ClockId::Boottime)
+}
+
+fn nanoseconds(clock: ClockId) -> u64 {
+    let time = clock_gettime(clock);
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64 // both are positive: the clock starts at boot
 }
 

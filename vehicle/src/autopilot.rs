@@ -102,6 +102,8 @@ mod px4 {
     pub const LOITER: u32 = 3;
     pub const RTL: u32 = 5;
     pub const LAND: u32 = 6;
+    /// The bit of `COM_DLL_EXCEPT` for Hold and take-off.
+    pub const EXCEPT_HOLD: i32 = 1 << 1;
 }
 
 impl AutopilotKind {
@@ -190,13 +192,31 @@ impl AutopilotKind {
         }
     }
 
-    /// The parameters, by version, that hold the system of the ground station whose silence it notices; it notices that
-    /// of every one if there are none.
+    /// What its dead-man switch depends on, too, in some versions.
     #[must_use]
-    pub fn ground_station(self) -> &'static [&'static str] {
+    pub fn condition(self) -> Option<&'static Condition> {
         match self {
-            Self::ArduPilot => &["SYSID_MYGCS", "MAV_GCS_SYSID"],
-            Self::Px4 | Self::Other => &[],
+            Self::ArduPilot => {
+                Some(&Condition {
+                    parameters: &["SYSID_MYGCS", "MAV_GCS_SYSID"],
+                    meaning: "to say which ground station it listens to",
+                    refusal: |value, own_system| {
+                        (value != f64::from(own_system)).then(|| {
+                        format!("expected {own_system}, the system of the bridge, or ?own_system={value} behind the address")
+                    })
+                    },
+                })
+            }
+            Self::Px4 => Some(&Condition {
+                parameters: &["COM_DLL_EXCEPT"],
+                meaning: "to say in which modes it may stay when the bridge is silent",
+                refusal: |value, _| {
+                    (value as i32 & px4::EXCEPT_HOLD != 0).then(|| {
+                        "it stays in the air in Hold, in which it is flown: expected a value without bit 1".to_owned()
+                    })
+                },
+            }),
+            Self::Other => None,
         }
     }
 
@@ -219,6 +239,17 @@ pub struct DeadManSwitch {
     pub parameter: &'static str,
     /// The values with which it comes down safely, and what it does.
     values: &'static [(i32, &'static str)],
+}
+
+/// What a dead-man switch depends on.
+#[derive(Debug)]
+pub struct Condition {
+    /// The names of its parameter, by version; some versions have none.
+    pub parameters: &'static [&'static str],
+    /// What a vehicle says by it, in words after "waiting for it".
+    pub meaning: &'static str,
+    /// Why the switch does not act with a value, for a bridge of this system, in words after the value.
+    pub refusal: fn(f64, u8) -> Option<String>,
 }
 
 impl DeadManSwitch {

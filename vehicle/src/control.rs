@@ -104,8 +104,9 @@ pub struct VehicleControl {
     is_lost: bool,
     /// Until when messages may have waited in the link [s].
     stale_until_s: f64,
-    /// When an order to arm was sent last [s].
+    /// When an order to arm was sent last [s], and whether there was one before it, without an answer.
     arming_s: f64,
+    has_ordered_arming: bool,
     /// Whether it is left alone because its mission was over before the bridge was restarted.
     is_left: bool,
     /// Whether the bridge itself has given it up: nobody else is known to fly it.
@@ -155,6 +156,7 @@ impl VehicleControl {
             is_lost: false,
             stale_until_s: 0.0,
             arming_s: f64::NEG_INFINITY,
+            has_ordered_arming: false,
             is_left: false,
             is_abandoned: false,
             target: None,
@@ -180,9 +182,11 @@ impl VehicleControl {
         self.vehicle.doubt(now_s);
     }
 
-    /// Notes that the order to arm was not sent.
+    /// Notes that the last order to arm was not sent.
     pub fn forget_arming(&mut self) {
-        self.takeover.answer_arming(false);
+        if !self.has_ordered_arming {
+            self.takeover.answer_arming(false);
+        }
     }
 
     /// Takes the lines for people that have come up.
@@ -323,15 +327,15 @@ impl VehicleControl {
             let is_told = if is_before_flight { has_new_heartbeat } else { has_new_mode };
             !is_in_doubt && may_fly && (is_told || !may_overrule(order))
         };
-        let mut has_ordered_arming = false;
-        for order in self.outbox.due(now_s, may_send) {
+        let due: Vec<Order> = self.outbox.due(now_s, may_send).collect();
+        for order in due {
+            if order == Order::Arm {
+                self.has_ordered_arming = self.takeover.is_arming();
+                self.vehicle.recount_disarmed();
+                self.arming_s = now_s;
+            }
             self.takeover.order(&order);
-            has_ordered_arming |= order == Order::Arm;
             orders.push(order);
-        }
-        if has_ordered_arming {
-            self.vehicle.recount_disarmed();
-            self.arming_s = now_s;
         }
         Ok(())
     }

@@ -28,8 +28,8 @@ pub struct Link {
     routes: Vec<Route>,
     /// Messages that may still be taken in this poll.
     budget: usize,
-    /// The first heartbeats of vehicles that were chosen since, twice: whoever changes their modes while the link listens
-    /// is noticed.
+    /// The first heartbeats of vehicles that were chosen since; those that nobody has named twice: whoever changes their
+    /// modes while the link listens is noticed.
     first: Vec<(usize, Telemetry)>,
     said: Vec<String>,
 }
@@ -109,10 +109,18 @@ impl Link {
                 // It has ended its mission before: it is only listened to.
                 None if is_committed(uav) => route.system = vehicles.choose(route.named, now_s, away).unwrap_or(None),
                 None => {
-                    route.system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?;
+                    let system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?;
+                    let other = system.zip(route.before).filter(|(system, before)| *system != before.system);
+                    if let Some((system, before)) = other {
+                        let [other, expected] = [system, before.system].map(|system| vehicles.describe(system));
+                        let expected = format!("expected {expected}, as before the restart of the bridge");
+                        return Err((uav, format!("{other} is there: {expected}, or ?system=N behind the address")));
+                    }
+                    route.system = system;
                     let first = route.system.and_then(|system| vehicles.first_heartbeat(system));
                     let first = first.and_then(|heartbeat| decode(&MavMessage::HEARTBEAT(heartbeat.clone())));
-                    self.first.extend(first.iter().flat_map(|first| [(uav, first.clone()), (uav, first.clone())]));
+                    let times = if route.named.is_some() { 1 } else { 2 };
+                    self.first.extend(first.iter().flat_map(|first| vec![(uav, first.clone()); times]));
                 }
                 Some(system) if !is_committed(uav) => {
                     let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
@@ -302,15 +310,23 @@ impl Link {
             mavlink_version: 3,
         });
         let mut at_addresses = BTreeMap::<_, BTreeSet<Heartbeats>>::new();
+        let mut withheld = BTreeSet::new();
         for (uav, Route { connection, system, before, .. }) in self.routes.iter().enumerate() {
             let to = match system {
                 Some(system) => self.connections[*connection].vehicles.address(*system),
                 None => before.and_then(|before| before.address),
             };
-            at_addresses.entry((*connection, to)).or_default().insert(of(uav));
+            let heartbeats = of(uav);
+            at_addresses.entry((*connection, to)).or_default().insert(heartbeats);
+            withheld.extend((heartbeats == Heartbeats::Withheld).then_some(*connection));
         }
         for ((connection, to), there) in at_addresses {
-            if there.first() != Some(&Heartbeats::Withheld) {
+            let is_sent = match there.first() {
+                // The address of the connection, where one was not heard yet, may be that of another.
+                Some(Heartbeats::Idle) => to.is_some() || !withheld.contains(&connection),
+                first => first == Some(&Heartbeats::Due),
+            };
+            if is_sent {
                 let linked = &self.connections[connection];
                 linked.wire.send(&linked.header(), &heartbeat, to);
             }
@@ -438,6 +454,24 @@ mod tests {
     }
 
     #[test]
+    fn a_vehicle_that_was_never_heard_feeds_none_that_is_left_to_its_dead_man_switch() {
+        let router = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        router.set_read_timeout(Some(std::time::Duration::from_millis(100))).unwrap();
+        let at = router.local_addr().unwrap();
+        let addresses = [1, 2].map(|system| format!("udpout:{at}?system={system}").parse().unwrap());
+        let mut link = Link::open(&addresses, 2).unwrap_or_else(|(address, error)| panic!("{address}: {error}"));
+        let beat = Received { from: Some(at), ..sent(0, 1, AUTOPILOT, beat(QUADROTOR)) };
+        let _ = link.hear(0, &beat, 0.0);
+        link.choose(0.0, |_| false, |_, _| None).unwrap();
+        use Heartbeats::{Due, Idle, Withheld};
+        for ([first, second], is_sent) in [([Withheld, Idle], false), ([Withheld, Due], true), ([Idle, Idle], true)] {
+            link.send_heartbeats(|uav| [first, second][uav]);
+            assert_eq!(router.recv(&mut [0; 300]).is_ok(), is_sent, "{first:?} {second:?}");
+            while is_sent && router.recv(&mut [0; 300]).is_ok() {}
+        }
+    }
+
+    #[test]
     fn a_vehicle_of_the_bridge_before_is_known_beside_a_second_sender() {
         let mut link = link(&[""], 2);
         let at = |port: u16| Some(SocketAddr::from(([127, 0, 0, 1], port)));
@@ -463,6 +497,29 @@ mod tests {
             link.choose(20.0, |_| false, |_, _| None)
         };
         assert!(chosen_beside_another(true).is_ok() && chosen_beside_another(false).is_err());
+    }
+
+    #[test]
+    fn the_first_heartbeat_is_believed_at_once_only_of_a_vehicle_that_was_listened_to() {
+        assert_eq!(["", "?system=1"].map(|options| chosen(options).take_first().len()), [2, 1]);
+    }
+
+    #[test]
+    fn another_vehicle_than_that_of_the_bridge_before_is_not_chosen() {
+        let there = |senders: &[(u16, u32)]| {
+            let mut link = link(&[""], 1);
+            let address = Some(SocketAddr::from(([127, 0, 0, 1], 7)));
+            link.name(std::iter::once((Some(ChosenVehicle { system: 7, address }), false)));
+            for &(port, system) in senders {
+                let _ = link.hear(0, &sent(port, system, AUTOPILOT, beat(QUADROTOR)), 0.0);
+            }
+            link.choose(5.0, |_| false, |_, _| None).map(|()| link.routes[0].system)
+        };
+        assert_eq!(there(&[(7, 7)]), Ok(Some(7)));
+        let why = "system 8 (quadrotor) is there: expected system 7, as before the restart of the bridge, or ?system=N \
+                   behind the address";
+        // That of before is there, too, but not where it was: it is not believed yet.
+        assert_eq!(there(&[(70, 7), (8, 8)]), Err((0, why.to_owned())));
     }
 
     #[test]

@@ -16,7 +16,7 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Ring, is_release, monotonic_ns};
+use skysink_ring::topics::{Ring, boot_ns, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
 use crate::bridge::{Bridge, VehicleRefusal, start};
@@ -107,7 +107,8 @@ struct BridgeProcess<S: Service + 'static> {
     wait: WaitContext,
     /// Notified with `plan`.
     listener: Listener<S>,
-    begin: Instant,
+    /// When the process began, on the clock of [`boot_ns`]: time goes on for a vehicle while this machine is suspended.
+    begin_ns: u64,
     /// Seconds of the vehicles in a second.
     factor: f64,
     heartbeat_s: f64,
@@ -118,10 +119,10 @@ struct BridgeProcess<S: Service + 'static> {
     /// Whether the other processes have the same clock.
     is_local: bool,
     latencies: OrderLatencies,
-    /// When messages were taken in last.
-    polled: Instant,
-    /// Until when messages may have waited while the bridge was suspended.
-    stale_until: Option<Instant>,
+    /// When messages were taken in last, and until when they may have waited while the bridge was suspended, on that
+    /// clock.
+    polled_ns: u64,
+    stale_until_ns: u64,
     /// What is known of the vehicles, for the bridge after this one.
     saved: SavedVehicles,
     /// Of the vehicles, for people.
@@ -176,15 +177,15 @@ impl<S: Service + 'static> BridgeProcess<S> {
             link,
             wait,
             listener: ring.plan.listener()?,
-            begin: Instant::now(),
+            begin_ns: boot_ns(),
             factor,
             heartbeat_s: 0.0,
             period,
             has_flown: false,
             is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
-            polled: Instant::now(),
-            stale_until: None,
+            polled_ns: boot_ns(),
+            stale_until_ns: 0,
             saved,
             addresses: list(addresses),
         })
@@ -296,14 +297,17 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Chooses the vehicles, takes in what they say, and sends what is due.
     fn poll(&mut self) -> Result<(), NodeError> {
-        let now_s = self.now_s();
-        let bridge = &self.bridge;
-        let is_committed = |uav| bridge.control(uav).is_committed();
-        let chosen = self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix));
-        if let Err((uav, why)) = chosen {
-            self.bridge.refuse(uav, why, now_s).map_err(|refused| refusal(&refused))?;
+        if let Err((uav, why)) = self.choose() {
+            self.bridge.refuse(uav, why, self.now_s()).map_err(|refused| refusal(&refused))?;
         }
         self.exchange()
+    }
+
+    /// Chooses the vehicles, or says which must not be flown, and why.
+    fn choose(&mut self) -> Result<(), (usize, String)> {
+        let (now_s, bridge) = (self.now_s(), &self.bridge);
+        let is_committed = |uav| bridge.control(uav).is_committed();
+        self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix))
     }
 
     /// Takes in what the chosen vehicles say, sends what is due, and notes who was taken over.
@@ -316,14 +320,14 @@ impl<S: Service + 'static> BridgeProcess<S> {
     fn exchange_messages(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         self.link.begin_poll();
-        let suspended = self.polled.elapsed();
-        self.polled = Instant::now();
+        let last_ns = std::mem::replace(&mut self.polled_ns, boot_ns());
+        let suspended = Duration::from_nanos(self.polled_ns - last_ns);
         if suspended > STALE {
             Role::FlightSim.log(format_args!("the bridge was suspended for {:.1} s", suspended.as_secs_f64()));
             self.bridge.note_suspension(suspended.as_secs_f64() * self.factor);
-            self.stale_until = Some(self.polled + SETTLED);
+            self.stale_until_ns = self.polled_ns + SETTLED.as_nanos() as u64;
         }
-        let is_stale = self.stale_until.is_some_and(|until| self.polled < until);
+        let is_stale = self.polled_ns < self.stale_until_ns;
         for (uav, telemetry) in self.link.take_first() {
             self.bridge.hear(uav, &telemetry, now_s);
         }
@@ -351,8 +355,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         for (uav, order) in orders {
             if is_saved || order != Order::Arm {
                 self.link.send(uav, &order);
-            } else if !self.saved.vehicles().get(uav).is_some_and(|vehicle| vehicle.history.was_armed) {
-                self.bridge.forget_arming(uav); // it never was sent
+            } else {
+                self.bridge.forget_arming(uav);
             }
         }
         polled.map_err(|refused| refusal(&refused))
@@ -366,7 +370,11 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// The time of the vehicles since the start of the process [s].
     fn now_s(&self) -> f64 {
-        self.begin.elapsed().as_secs_f64() * self.factor
+        self.elapsed().as_secs_f64() * self.factor
+    }
+
+    fn elapsed(&self) -> Duration {
+        Duration::from_nanos(boot_ns() - self.begin_ns)
     }
 
     /// Waits for the final commit, while the vehicles return.
@@ -418,14 +426,16 @@ impl<S: Service + 'static> BridgeProcess<S> {
         self.bridge.return_home(why, now_s);
         let begin = Instant::now();
         while !self.bridge.is_homebound() && begin.elapsed() < timeout {
-            let _ = self.exchange(); // one that must not fly keeps none of the others from returning
+            // One that must not fly keeps none of the others from returning.
+            let _ = self.choose();
+            let _ = self.exchange();
             std::thread::sleep(POLL_EVERY);
         }
     }
 
     /// Says which vehicles were waited for until now, where, and for what.
     fn say_awaited(&self) {
-        let seconds = self.begin.elapsed().as_secs_f64();
+        let seconds = self.elapsed().as_secs_f64();
         for uav in 0..self.bridge.uavs() {
             let number = uav + 1;
             if let Some(address) = self.link.awaited_at(uav) {

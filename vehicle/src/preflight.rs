@@ -103,8 +103,8 @@ pub enum Clearance {
 pub struct Preflight {
     /// The parameter of the dead-man switch.
     dead_man: Option<f64>,
-    /// The system of the ground station whose silence the vehicle notices.
-    ground_station: Option<f64>,
+    /// That of what the switch depends on.
+    condition: Option<f64>,
     /// When parameters are asked for next [s].
     ask_s: f64,
     /// When they were asked for first [s].
@@ -120,8 +120,8 @@ impl Preflight {
     pub fn hear_parameter(&mut self, autopilot: AutopilotKind, name: &str, value: f64) {
         if autopilot.dead_man_switch().is_some_and(|switch| switch.parameter == name) {
             self.dead_man = Some(value);
-        } else if autopilot.ground_station().contains(&name) {
-            self.ground_station = Some(value);
+        } else if autopilot.condition().is_some_and(|condition| condition.parameters.contains(&name)) {
+            self.condition = Some(value);
         }
     }
 
@@ -149,6 +149,12 @@ impl Preflight {
         now_s: f64,
         orders: &mut Vec<Order>,
     ) -> Result<Clearance, PreflightRefusal> {
+        let is_low = position.is_some() && !vehicle.is_high();
+        let is_down = vehicle.is_armed() == Some(false) && (is_low || vehicle.has_disarmed(now_s));
+        if is_down && assignment.was_armed {
+            takeover.note_disarmed();
+            return Ok(Clearance::GiveUp("it is on the ground, after it was armed".to_owned()));
+        }
         let (Some(is_armed), Some(mode), Some(_)) = (vehicle.is_armed(), vehicle.mode(), position) else {
             return Ok(Clearance::Wait(match (vehicle.autopilot, position) {
                 (None, _) => "to send heartbeats",
@@ -162,13 +168,10 @@ impl Preflight {
             }
             return self.judge_armed(vehicle, mode, position, assignment, now_s, orders);
         }
-        if vehicle.is_high() && !vehicle.has_disarmed(now_s) {
+        if !is_down {
             return Ok(Clearance::Wait("to be on the ground, at the altitude of its home"));
         }
         takeover.note_disarmed();
-        if assignment.was_armed {
-            return Ok(Clearance::GiveUp("it is on the ground, after it was armed".to_owned()));
-        }
         if let Some(why) = takeover.check(vehicle) {
             return Ok(Clearance::GiveUp(why));
         }
@@ -263,25 +266,23 @@ impl Preflight {
             let expected = switch.expected();
             return refuse(format!("{parameter} = {value}: when the bridge is silent, expected {expected}"));
         }
-        let stations = autopilot.ground_station();
-        if let Some(system) = self.ground_station.filter(|system| *system != f64::from(own_system)) {
-            return refuse(format!(
-                "{} = {system}: expected {own_system}, the system of the bridge, or ?own_system={system} behind the address",
-                stations.join(" or ")
-            ));
+        let condition = autopilot.condition();
+        if let (Some(condition), Some(value)) = (condition, self.condition)
+            && let Some(why) = (condition.refusal)(value, own_system)
+        {
+            return refuse(format!("{} = {value}: {why}", condition.parameters.join(" or ")));
         }
-        if now_s >= self.ask_s && (self.dead_man.is_none() || self.ground_station.is_none()) {
+        let awaited = condition.filter(|_| self.condition.is_none() && !self.is_patience_over(now_s));
+        if now_s >= self.ask_s && (self.dead_man.is_none() || self.condition.is_none()) {
             self.ask_s = now_s + ASK_S;
             self.asked_s.get_or_insert(now_s);
             orders.extend(self.dead_man.is_none().then_some(Order::Parameter(parameter)));
-            let is_open = self.ground_station.is_none() && !self.is_patience_over(now_s);
-            orders.extend(stations.iter().filter(|_| is_open).map(|name| Order::Parameter(name)));
+            orders.extend(awaited.iter().flat_map(|condition| condition.parameters).map(|name| Order::Parameter(name)));
         }
         if self.dead_man.is_none() {
             return Ok(Some("to say what it does when the bridge is silent"));
         }
-        let is_awaited = !stations.is_empty() && self.ground_station.is_none() && !self.is_patience_over(now_s);
-        Ok(is_awaited.then_some("to say which ground station it listens to"))
+        Ok(awaited.map(|condition| condition.meaning))
     }
 
     fn is_patience_over(&self, now_s: f64) -> bool {
@@ -299,9 +300,10 @@ impl Preflight {
             }
             None => lines.push("may stay in the air when the bridge is silent: its autopilot is not known".to_owned()),
         }
-        let stations = vehicle.autopilot.map_or(&[][..], AutopilotKind::ground_station);
-        if !stations.is_empty() && self.ground_station.is_none() {
-            lines.push(format!("does not tell {}: not checked", stations.join(" or ")));
+        if let Some(condition) =
+            vehicle.autopilot.and_then(AutopilotKind::condition).filter(|_| self.condition.is_none())
+        {
+            lines.push(format!("does not tell {}: not checked", condition.parameters.join(" or ")));
         }
         if vehicle.battery.is_none() {
             lines.push("does not measure its battery: its charge is not checked".to_owned());

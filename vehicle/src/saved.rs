@@ -47,7 +47,7 @@ impl SavedVehicles {
             (vehicles, taken_over) = (read(&folder.join(VEHICLES)), read(&folder.join(TAKEN_OVER)));
         }
         for (vehicle, number) in vehicles.iter_mut().zip(1..) {
-            if vehicle.history.fate == Fate::Open && taken_over.contains(&number) {
+            if matches!(vehicle.history.fate, Fate::Open | Fate::Returns) && taken_over.contains(&number) {
                 vehicle.history.fate = Fate::Left; // only that could be written
             }
         }
@@ -114,18 +114,21 @@ mod tests {
     fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_tried_again() {
         let folder = tempfile::tempdir().unwrap();
         let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
-        let of = |was_armed, fate| SavedVehicle { chosen, history: History { was_armed, fate } };
-        let fates = [Fate::Open, Fate::Ended, Fate::Returns { is_seen: true }, Fate::Left, Fate::Abandoned];
+        let of = |was_armed, fate| SavedVehicle {
+            chosen,
+            history: History { was_armed, was_down: !was_armed, has_seen_return: was_armed, fate },
+        };
+        let fates = [Fate::Open, Fate::Returns, Fate::Ended, Fate::Left, Fate::Abandoned];
         let vehicles: Vec<_> = fates.into_iter().flat_map(|fate| [of(false, fate), of(true, fate)]).collect();
         let mut saved = SavedVehicles::of(folder.path(), false);
         assert!(!saved.has_chosen_before() && saved.save(Vec::new()) && saved.save(vehicles.clone()));
         saved.save_taken_over(vec![1]);
-        saved.save_taken_over(vec![2]);
+        saved.save_taken_over(vec![2, 4, 5]);
         let next = SavedVehicles::of(folder.path(), true);
         let mut expected = vehicles.clone();
-        expected[..2].iter_mut().for_each(|vehicle| vehicle.history.fate = Fate::Left); // as they were taken over
+        [0, 1, 3].into_iter().for_each(|taken| expected[taken].history.fate = Fate::Left); // but for the fifth, which has landed since
         assert_eq!((next.vehicles(), next.has_chosen_before()), (&*expected, true));
-        assert_eq!(next.taken_over, [1, 2]);
+        assert_eq!(next.taken_over, [1, 2, 4, 5]);
         assert!(SavedVehicles::of(folder.path(), false).vehicles().is_empty(), "a new run begins anew");
 
         let mut lost = SavedVehicles::of(&folder.path().join("none"), true);

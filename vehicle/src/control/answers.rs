@@ -32,6 +32,10 @@ pub enum Heartbeats {
 pub struct History {
     /// Whether it has been armed by an order, as far as is known: that may be on its way.
     pub was_armed: bool,
+    /// Whether it was found on the ground, disarmed: if it was not armed by an order, whoever flies it is somebody else.
+    pub was_down: bool,
+    /// Whether its last return was seen in effect: whoever stops it is no failure of the link.
+    pub has_seen_return: bool,
     /// How far its mission has come.
     pub fate: Fate,
 }
@@ -45,10 +49,7 @@ pub enum Fate {
     /// It has ended on the ground.
     Ended,
     /// It returns, or is to.
-    Returns {
-        /// Whether the return was seen in effect: whoever stops it is no failure of the link.
-        is_seen: bool,
-    },
+    Returns,
     /// Others fly it.
     Left,
     /// The bridge has given it up, and nobody is known to fly it.
@@ -58,7 +59,12 @@ pub enum Fate {
 impl VehicleControl {
     /// What the bridge after this one has to know of it.
     pub fn history(&self) -> History {
-        History { was_armed: self.assignment.was_armed || self.takeover.is_arming(), fate: self.fate() }
+        History {
+            was_armed: self.assignment.was_armed || self.takeover.is_arming(),
+            was_down: self.assignment.is_unarmed || self.takeover.has_been_disarmed(),
+            has_seen_return: self.has_seen_return || self.takeover.has_seen_return(),
+            fate: self.fate(),
+        }
     }
 
     /// How far its mission has come.
@@ -67,14 +73,10 @@ impl VehicleControl {
             Phase::TakenOver if self.is_abandoned => Fate::Abandoned,
             Phase::TakenOver => Fate::Left,
             Phase::Landed => Fate::Ended,
-            Phase::Returning => self.returns(),
-            Phase::Preflight if self.awaited_return.is_some() => self.returns(),
+            Phase::Returning => Fate::Returns,
+            Phase::Preflight if self.awaited_return.is_some() => Fate::Returns,
             _ => Fate::Open,
         }
-    }
-
-    fn returns(&self) -> Fate {
-        Fate::Returns { is_seen: self.has_seen_return || self.takeover.has_seen_return() }
     }
 
     /// Whether others have taken it over while this bridge flew it.

@@ -14,16 +14,16 @@ impl VehicleControl {
     /// twice.
     pub fn go_on(&mut self, history: History, says_ended: bool, is_new_run: bool) {
         self.assignment.was_armed |= history.was_armed;
-        self.assignment.is_unarmed = is_new_run && !history.was_armed;
+        self.assignment.is_unarmed = (is_new_run || history.was_down) && !history.was_armed;
+        self.has_seen_return = history.has_seen_return;
         if self.phase != Phase::Preflight {
             return; // it stays down
         }
         self.has_begun |= says_ended;
         match history.fate {
             Fate::Open if !says_ended => {}
-            Fate::Returns { is_seen } => {
+            Fate::Returns => {
                 self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
-                self.has_seen_return = is_seen;
                 self.awaited_return = Some("it was on its way home before this bridge began".to_owned());
             }
             Fate::Ended => {
@@ -126,6 +126,7 @@ impl VehicleControl {
                     self.say_findings();
                     self.said.say("is checked: arming".to_owned());
                 }
+                self.has_seen_return = false; // another flight begins
                 self.phase = Phase::Arming;
                 self.retry_s = now_s;
             }

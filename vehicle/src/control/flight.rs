@@ -155,7 +155,7 @@ impl VehicleControl {
     /// Ends its mission, because of `why`: it flies home, or does not take off.
     pub fn return_home(&mut self, why: &str, now_s: f64) {
         let is_disarmed = if self.takeover.is_arming() {
-            self.vehicle.says_disarmed() && !self.may_still_arm(now_s)
+            self.vehicle.has_disarmed(now_s) && !self.may_still_arm(now_s)
         } else {
             self.vehicle.is_armed() != Some(true) && !self.vehicle.may_be_armed()
         };

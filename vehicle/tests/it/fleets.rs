@@ -226,7 +226,7 @@ fn a_vehicle_in_the_air_that_says_it_is_disarmed_is_not_taken_for_landed() {
 #[test]
 fn a_vehicle_that_is_home_keeps_no_other_from_taking_off() {
     let (mut bridge, mut now_s) = (fleet(Beginning::Restarted { in_mission: false }, ""), 0.0);
-    let home = History { was_armed: true, fate: Fate::Returns { is_seen: true } };
+    let home = History { was_armed: true, has_seen_return: true, fate: Fate::Returns, ..History::default() };
     let reports = start(&scenario("uav.count = 2\nuav.coordination = 'partition'\n"));
     bridge.go_on([History::default(), home].into_iter(), 1, &reports); // the second is switched off
     let orders = run(&mut bridge, 8.0, &mut now_s, |bridge, now_s| {

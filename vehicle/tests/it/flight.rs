@@ -73,6 +73,8 @@ pub struct ClosedLoop {
     pub refused: Option<u16>,
     /// The parameter of the dead-man switch; `None` if the vehicle does not tell it.
     pub dead_man: Option<f32>,
+    /// That of what its switch depends on; `None` if it does not tell it.
+    pub condition: Option<f32>,
     pub start_m: Position,
 }
 
@@ -134,6 +136,7 @@ impl ClosedLoop {
             start_m: reports[0].position().xy(),
             reports,
             dead_man: Some(f32::from(options.dead_man)),
+            condition: None,
         }
     }
 
@@ -232,13 +235,10 @@ impl ClosedLoop {
         {
             self.heartbeat_s = *period_s;
         } else if let Order::Parameter(name) = order {
-            let Some(switch) = self.autopilot.dead_man_switch().filter(|switch| switch.parameter == *name) else {
-                return; // an autopilot that does not tell its ground station
-            };
-            self.questions += 1;
-            if let Some(value) = self.dead_man {
-                let name = switch.parameter.to_owned();
-                self.hear(&Telemetry::Parameter { name, value, is_integer: false });
+            let is_switch = self.autopilot.dead_man_switch().is_some_and(|switch| switch.parameter == *name);
+            self.questions += u32::from(is_switch);
+            if let Some(value) = if is_switch { self.dead_man } else { self.condition } {
+                self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value, is_integer: false });
             }
         } else if let (Some(given), Some(command)) = (self.given(order), order.command()) {
             if let Some(mode) = self.crossing.take_if(|_| matches!(order, Order::Reposition { .. })) {

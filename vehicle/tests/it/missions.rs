@@ -115,6 +115,27 @@ fn a_vehicle_whose_dead_man_switch_is_unknown_does_not_take_off() {
 }
 
 #[test]
+fn a_vehicle_whose_dead_man_switch_does_not_act_in_flight_is_refused() {
+    let refusal = |autopilot, condition: f32| {
+        let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+        flight.is_a(autopilot);
+        flight.condition = Some(condition);
+        flight.advance(2.5);
+        flight.refusal.map(|refusal| refusal.why.to_string())
+    };
+    let except_hold = |value| {
+        let why = "it stays in the air in Hold, in which it is flown: expected a value without bit 1";
+        Some(format!("COM_DLL_EXCEPT = {value}: {why}"))
+    };
+    let values = [0.0, 1.0, 2.0, 4.0, 7.0].map(|value| refusal(AutopilotKind::Px4, value));
+    assert_eq!(values, [None, None, except_hold(2), None, except_hold(7)]);
+    let why = "SYSID_MYGCS or MAV_GCS_SYSID = 250: expected 255, the system of the bridge, or ?own_system=250 behind the \
+               address";
+    let stations = [255.0, 250.0].map(|value| refusal(AutopilotKind::ArduPilot, value));
+    assert_eq!(stations, [None, Some(why.to_owned())]);
+}
+
+#[test]
 fn a_vehicle_too_far_from_its_start_does_not_take_off() {
     let scenario = scenario("");
     let refusal = |away_m: f64| {

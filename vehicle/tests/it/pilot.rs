@@ -64,6 +64,21 @@ fn a_vehicle_that_somebody_else_arms_and_flies_while_the_bridge_tries_to_arm_is_
 }
 
 #[test]
+fn a_vehicle_in_the_air_that_says_it_is_disarmed_is_not_taken_for_landed() {
+    let mut flight = flight_over(AutopilotKind::ArduPilot);
+    flight.heartbeat_s = 0.2;
+    flight.until(90.0, |flight| flight.copter.body.position_m.z > 8.0);
+    for _ in 0..2 {
+        flight.is_odd = true;
+        flight.until(5.0, |flight| !flight.is_odd);
+    }
+    let now_s = flight.now_s;
+    flight.bridge.return_home("the run is stopped", now_s);
+    flight.until(90.0, |flight| !flight.copter.is_armed);
+    assert_eq!(flight.orders.last().map(|(_, order)| order), Some(&Order::Return), "{:?}", flight.said);
+}
+
+#[test]
 fn a_vehicle_that_is_disarmed_while_its_motors_spool_up_is_not_armed_again() {
     for autopilot in KINDS {
         for after_s in [0.0, 0.3, 0.9, 1.5, 2.5] {

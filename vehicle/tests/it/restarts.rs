@@ -21,7 +21,7 @@ fn a_vehicle_that_was_down_when_the_run_was_stopped_stays_down() {
     for beginning in [Beginning::Resumed, RESTARTED] {
         let reports = before.reports.clone();
         let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
-        let history = History { was_armed: true, fate: Fate::Left }; // it was taken over before it landed
+        let history = History { was_armed: true, fate: Fate::Left, ..History::default() }; // it was taken over before it landed
         flight.bridge.go_on(std::iter::once(history), 1, &before.reports);
         flight.advance(60.0);
         assert!(flight.orders.is_empty() && !flight.copter.is_armed, "{:?}", flight.said);
@@ -101,6 +101,82 @@ fn a_restarted_bridge_sends_home_what_must_not_fly_on_and_lets_a_climb_end() {
     flight.until(60.0, |flight| flight.orders.iter().any(|(_, order)| matches!(order, Order::Reposition { .. })));
     assert!(flight.copter.body.position_m.z > 18.0, "{:?}", flight.copter);
     flight.until(60.0, |flight| flight.bridge.has_begun());
+}
+
+#[test]
+fn a_return_that_has_no_effect_is_ordered_again_after_a_restart_though_one_was_seen_before_the_flight() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, Beginning::Resumed);
+    flight.copter.change_to(CopterMode::Return); // by the end of the run before
+    flight.until(200.0, |flight| !flight.copter.is_armed);
+    flight.until(200.0, |flight| flight.bridge.has_begun());
+    flight.fly_slot(2, Some(plan(50.0, 66.0)));
+    flight.refused = Order::Return.command();
+    let now_s = flight.now_s;
+    flight.bridge.return_home("its battery is low", now_s);
+    flight.fly_slot(3, None);
+    assert_eq!(flight.copter.mode, CopterMode::Guided);
+    let mut next = restarted(&flight, RESTARTED);
+    next.until(200.0, |next| next.bridge.has_landed());
+    assert!(!next.copter.is_armed && count(&next, "is taken over") == 0, "{:?}", next.said);
+}
+
+#[test]
+fn what_a_bridge_has_seen_before_it_flew_is_known_to_the_next_one() {
+    const BEFORE_SLOT: Beginning = Beginning::Restarted { in_mission: false };
+    let mut flown = hovering(AutopilotKind::ArduPilot);
+    flown.fly_slot(1, Some(plan(50.0, 62.0)));
+    // On the ground, disarmed: whoever arms it is somebody else.
+    let reports = flown.reports.clone();
+    let mut before = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, Beginning::Resumed);
+    before.dead_man = None; // waits for it
+    before.advance(30.0);
+    let mut next = restarted(&before, BEFORE_SLOT);
+    next.copter.take_off_by_hand(15.0);
+    next.copter.mode = CopterMode::Guided;
+    next.advance(20.0);
+    assert!(
+        next.orders.is_empty() && count(&next, "is taken over: somebody else has armed it") == 1,
+        "{:?}",
+        next.said
+    );
+    // On its way home: whoever stops that is somebody else.
+    let mut before = restarted(&flown, Beginning::Resumed);
+    before.copter.change_to(CopterMode::Return);
+    before.advance(3.0);
+    let mut next = restarted(&before, BEFORE_SLOT);
+    next.copter.mode = CopterMode::Guided;
+    next.advance(20.0);
+    let end = "is taken over: its return was stopped without an order of the bridge";
+    assert!(next.orders.is_empty() && count(&next, end) == 1, "{:?}", next.said);
+}
+
+#[test]
+fn an_order_to_arm_that_was_not_sent_is_forgotten_unless_another_has_no_answer_yet() {
+    let is_remembered = |orders: usize| {
+        let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 50, ..KinematicOptions::default() }, 0.0);
+        flight.answer_loss = 1.0;
+        let arms = |flight: &ClosedLoop| flight.orders.iter().filter(|(_, order)| *order == Order::Arm).count();
+        flight.until(60.0, |flight| arms(flight) == orders);
+        flight.bridge.forget_arming(0); // the last one
+        flight.bridge.histories().next().unwrap().was_armed
+    };
+    assert_eq!([1, 2].map(is_remembered), [false, true]);
+}
+
+#[test]
+fn a_landed_vehicle_that_knows_no_position_ends_its_mission_under_the_next_bridge() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.copter.change_to(CopterMode::Land);
+    flight.is_bridge_alive = false;
+    flight.until(90.0, |flight| !flight.copter.is_armed);
+    flight.is_bridge_alive = true;
+    flight.says_no_position = true;
+    flight.advance(20.0);
+    assert!(flight.bridge.has_landed() && flight.orders.is_empty(), "{:?}", flight.said);
 }
 
 #[test]
