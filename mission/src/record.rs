@@ -118,7 +118,9 @@ impl RunFolder {
             return Ok(());
         }
         if earlier == Earlier::Kept {
-            let is_interrupted = |run: Self| run.mode.pace.is_some() && !run.is_complete();
+            // That of vehicles may have ended because somebody took them over.
+            let may_fly_on = |run: &Self| run.mode.pace.is_some() && !run.mode.has_reported_flights();
+            let is_interrupted = |run: Self| may_fly_on(&run) && !run.is_complete();
             let fly_on = match Self::open_to_read(out).is_ok_and(is_interrupted) {
                 true => ", fly on with skysink run --resume",
                 false => "",

@@ -69,7 +69,7 @@ fn remove_files(config: &Config, id: u128) {
 const SCAN_PERIOD: Duration = Duration::from_millis(40);
 
 /// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds. One that has to
-/// wait for a core, or was stopped, needs any time: then it [`may_be_finished`].
+/// wait for a core, or was stopped, needs any time ([`has_waking_process`]).
 const MAX_SCANS: u32 = 3;
 
 /// A thread that removes abandoned shared memory of a ring until it is dropped.

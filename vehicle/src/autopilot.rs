@@ -102,7 +102,7 @@ mod px4 {
     pub const LOITER: u32 = 3;
     pub const RTL: u32 = 5;
     pub const LAND: u32 = 6;
-    /// The bit of `COM_DLL_EXCEPT` for Hold and take-off.
+    /// The bit of `COM_DLL_EXCEPT` for Hold, and with it for take-off.
     pub const EXCEPT_HOLD: i32 = 1 << 1;
 }
 

@@ -176,6 +176,12 @@ impl Bridge {
         self.members[uav].control.hear(telemetry, now_s);
     }
 
+    /// As [`hear`](Self::hear) with what has come earlier: no order follows it as a report of this moment.
+    pub fn hear_earlier(&mut self, uav: usize, telemetry: &Telemetry, now_s: f64) {
+        self.hear(uav, telemetry, now_s);
+        self.members[uav].control.vehicle.take_new_reports();
+    }
+
     /// Advances to `now_s` [s]; calls `send` with the orders that are due, and `say` with lines for people.
     ///
     /// # Errors

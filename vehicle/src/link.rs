@@ -58,8 +58,9 @@ struct Route {
     named: Option<u8>,
     /// Its system, once it is chosen.
     system: Option<u8>,
-    /// What the bridge before has chosen.
+    /// What the bridge before has chosen, and the system that it must be.
     before: Option<ChosenVehicle>,
+    expected: Option<u8>,
 }
 
 impl Link {
@@ -86,7 +87,7 @@ impl Link {
                 }
             };
             let named = if is_shared { u8::try_from(uav + 1).ok() } else { address.system };
-            link.routes.push(Route { connection, named, system: None, before: None });
+            link.routes.push(Route { connection, named, system: None, before: None, expected: None });
         }
         Ok(link)
     }
@@ -102,34 +103,33 @@ impl Link {
         is_committed: impl Fn(usize) -> bool,
         away: impl Fn(usize, &Fix) -> Option<f64>,
     ) -> Result<(), (usize, String)> {
+        let mut chosen = Ok(());
         for (uav, route) in self.routes.iter_mut().enumerate() {
             let vehicles = &mut self.connections[route.connection].vehicles;
             let away = |fix: &Fix| away(uav, fix);
-            match route.system {
-                // It has ended its mission before: it is only listened to.
-                None if is_committed(uav) => route.system = vehicles.choose(route.named, now_s, away).unwrap_or(None),
-                None => {
-                    let system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?;
-                    let other = system.zip(route.before).filter(|(system, before)| *system != before.system);
-                    if let Some((system, before)) = other {
-                        let [other, expected] = [system, before.system].map(|system| vehicles.describe(system));
-                        let expected = format!("expected {expected}, as before the restart of the bridge");
-                        return Err((uav, format!("{other} is there: {expected}, or ?system=N behind the address")));
+            let is_ended = is_committed(uav);
+            let checked = match route.system {
+                None => route.choose(vehicles, now_s, away).map(|first| {
+                    if !is_ended {
+                        let times = if route.named.is_some() { 1 } else { 2 };
+                        self.first.extend(first.iter().flat_map(|first| vec![(uav, first.clone()); times]));
                     }
-                    route.system = system;
-                    let first = route.system.and_then(|system| vehicles.first_heartbeat(system));
-                    let first = first.and_then(|heartbeat| decode(&MavMessage::HEARTBEAT(heartbeat.clone())));
-                    let times = if route.named.is_some() { 1 } else { 2 };
-                    self.first.extend(first.iter().flat_map(|first| vec![(uav, first.clone()); times]));
-                }
-                Some(system) if !is_committed(uav) => {
+                }),
+                Some(system) if !is_ended => {
                     let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
-                    alone.and_then(|()| vehicles.check(system, route.named.is_some())).map_err(|why| (uav, why))?;
+                    alone.and_then(|()| vehicles.check(system, route.named.is_some()))
                 }
-                Some(system) => vehicles.fix_type(system),
+                Some(system) => {
+                    vehicles.fix_type(system);
+                    Ok(())
+                }
+            };
+            // One that has ended its mission before is only listened to; the others are chosen all the same.
+            if !is_ended {
+                chosen = chosen.and(checked.map_err(|why| (uav, why)));
             }
         }
-        Ok(())
+        chosen
     }
 
     /// Begins to take messages, a limited number until the next call.
@@ -159,6 +159,8 @@ impl Link {
         for (route, (vehicle, was_armed)) in self.routes.iter_mut().zip(chosen) {
             route.named = route.named.or(vehicle.filter(|_| was_armed).map(|vehicle| vehicle.system));
             route.before = vehicle;
+            // Who has named another since means that one, unless the one before may be in the air.
+            route.expected = vehicle.filter(|_| was_armed || route.named.is_none()).map(|vehicle| vehicle.system);
             if let Some(ChosenVehicle { system, address: Some(address), .. }) = vehicle {
                 self.connections[route.connection].vehicles.expect(system, address);
             }
@@ -298,8 +300,8 @@ impl Link {
     }
 
     /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before has
-    /// heard them, or at the address of the connection. Where none is due, and one is withheld, `of` the numbers of UAVs
-    /// from 0, none is sent.
+    /// heard them, or at the address of the connection. Where none is due, none is sent while one is withheld on the
+    /// connection, `of` the numbers of UAVs from 0: they may be one address.
     pub fn send_heartbeats(&self, of: impl Fn(usize) -> Heartbeats) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
@@ -309,7 +311,7 @@ impl Link {
             system_status: MavState::MAV_STATE_ACTIVE,
             mavlink_version: 3,
         });
-        let mut at_addresses = BTreeMap::<_, BTreeSet<Heartbeats>>::new();
+        let mut at_addresses = BTreeMap::<_, bool>::new();
         let mut withheld = BTreeSet::new();
         for (uav, Route { connection, system, before, .. }) in self.routes.iter().enumerate() {
             let to = match system {
@@ -317,20 +319,36 @@ impl Link {
                 None => before.and_then(|before| before.address),
             };
             let heartbeats = of(uav);
-            at_addresses.entry((*connection, to)).or_default().insert(heartbeats);
+            *at_addresses.entry((*connection, to)).or_default() |= heartbeats == Heartbeats::Due;
             withheld.extend((heartbeats == Heartbeats::Withheld).then_some(*connection));
         }
-        for ((connection, to), there) in at_addresses {
-            let is_sent = match there.first() {
-                // The address of the connection, where one was not heard yet, may be that of another.
-                Some(Heartbeats::Idle) => to.is_some() || !withheld.contains(&connection),
-                first => first == Some(&Heartbeats::Due),
-            };
-            if is_sent {
+        for ((connection, to), is_due) in at_addresses {
+            if is_due || !withheld.contains(&connection) {
                 let linked = &self.connections[connection];
                 linked.wire.send(&linked.header(), &heartbeat, to);
             }
         }
+    }
+}
+
+impl Route {
+    /// Chooses the vehicle of the UAV, if that is known now. Returns its first heartbeat.
+    fn choose(
+        &mut self,
+        vehicles: &Vehicles,
+        now_s: f64,
+        away: impl Fn(&Fix) -> Option<f64>,
+    ) -> Result<Option<Telemetry>, String> {
+        let Some(system) = vehicles.choose(self.named, now_s, away)? else { return Ok(None) };
+        if let Some(expected) = self.expected.filter(|expected| *expected != system) {
+            let [other, expected] = [system, expected].map(|system| vehicles.describe(system));
+            return Err(format!(
+                "{other} is there: expected {expected}, as before the restart of the bridge, or ?system=N behind the address"
+            ));
+        }
+        self.system = Some(system);
+        let first = vehicles.first_heartbeat(system);
+        Ok(first.and_then(|heartbeat| decode(&MavMessage::HEARTBEAT(heartbeat.clone()))))
     }
 }
 
@@ -464,9 +482,15 @@ mod tests {
         let _ = link.hear(0, &beat, 0.0);
         link.choose(0.0, |_| false, |_, _| None).unwrap();
         use Heartbeats::{Due, Idle, Withheld};
-        for ([first, second], is_sent) in [([Withheld, Idle], false), ([Withheld, Due], true), ([Idle, Idle], true)] {
-            link.send_heartbeats(|uav| [first, second][uav]);
-            assert_eq!(router.recv(&mut [0; 300]).is_ok(), is_sent, "{first:?} {second:?}");
+        for ([heard, unheard], is_sent) in [
+            ([Withheld, Idle], false),
+            ([Idle, Withheld], false),
+            ([Withheld, Due], true),
+            ([Due, Withheld], true),
+            ([Idle, Idle], true),
+        ] {
+            link.send_heartbeats(|uav| [heard, unheard][uav]);
+            assert_eq!(router.recv(&mut [0; 300]).is_ok(), is_sent, "{heard:?} {unheard:?}");
             while is_sent && router.recv(&mut [0; 300]).is_ok() {}
         }
     }
@@ -500,26 +524,44 @@ mod tests {
     }
 
     #[test]
+    fn a_vehicle_that_must_not_fly_keeps_no_other_from_being_chosen() {
+        for rover in [1, 2] {
+            let mut link = link(&["?system=1", "?system=2"], 2);
+            for system in [1, 2] {
+                let kind = if system == rover { MavType::MAV_TYPE_GROUND_ROVER } else { QUADROTOR };
+                let _ = link.hear(0, &sent(system as u16, system, AUTOPILOT, beat(kind)), 0.0);
+            }
+            let refused = link.choose(0.0, |_| false, |_, _| None).unwrap_err();
+            assert_eq!(refused.0 as u32, rover - 1, "{refused:?}");
+            assert_eq!([0, 1].map(|uav| address_of(&link, uav).is_some()), [rover == 2, rover == 1]);
+        }
+    }
+
+    #[test]
     fn the_first_heartbeat_is_believed_at_once_only_of_a_vehicle_that_was_listened_to() {
         assert_eq!(["", "?system=1"].map(|options| chosen(options).take_first().len()), [2, 1]);
     }
 
     #[test]
     fn another_vehicle_than_that_of_the_bridge_before_is_not_chosen() {
-        let there = |senders: &[(u16, u32)]| {
-            let mut link = link(&[""], 1);
+        let there = |options: &str, was_armed: bool, senders: &[(u16, u32)], is_committed: bool| {
+            let mut link = link(&[options], 1);
             let address = Some(SocketAddr::from(([127, 0, 0, 1], 7)));
-            link.name(std::iter::once((Some(ChosenVehicle { system: 7, address }), false)));
+            link.name(std::iter::once((Some(ChosenVehicle { system: 7, address }), was_armed)));
             for &(port, system) in senders {
                 let _ = link.hear(0, &sent(port, system, AUTOPILOT, beat(QUADROTOR)), 0.0);
             }
-            link.choose(5.0, |_| false, |_, _| None).map(|()| link.routes[0].system)
+            link.choose(5.0, |_| is_committed, |_, _| None).map(|()| link.routes[0].system)
         };
-        assert_eq!(there(&[(7, 7)]), Ok(Some(7)));
+        assert_eq!(there("", false, &[(7, 7)], false), Ok(Some(7)));
         let why = "system 8 (quadrotor) is there: expected system 7, as before the restart of the bridge, or ?system=N \
                    behind the address";
         // That of before is there, too, but not where it was: it is not believed yet.
-        assert_eq!(there(&[(70, 7), (8, 8)]), Err((0, why.to_owned())));
+        assert_eq!(there("", false, &[(70, 7), (8, 8)], false), Err((0, why.to_owned())));
+        assert_eq!(there("", false, &[(8, 8)], true), Ok(None), "nor is it listened to once the mission has ended");
+        // Who names it since means it, unless the one before may be in the air.
+        assert_eq!(there("?system=8", false, &[(8, 8)], false), Ok(Some(8)));
+        assert_eq!(there("?system=8", true, &[(8, 8)], false), Err((0, why.to_owned())));
     }
 
     #[test]

@@ -329,7 +329,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         let is_stale = self.polled_ns < self.stale_until_ns;
         for (uav, telemetry) in self.link.take_first() {
-            self.bridge.hear(uav, &telemetry, now_s);
+            self.bridge.hear_earlier(uav, &telemetry, now_s);
         }
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
             if !is_stale {

@@ -11,8 +11,8 @@ use crate::telemetry::Order;
 /// Time between two questions for a parameter [s].
 const ASK_S: f64 = 1.0;
 
-/// Time after which a parameter that only some versions have is not waited for [s].
-const OPTIONAL_S: f64 = 3.0;
+/// Time after the answer to the first parameter in which one is waited for that only some versions have [s].
+const OPTIONAL_S: f64 = 5.0;
 
 /// Time before the first line on what is missing, and between two [s].
 const FIRST_LINE_S: f64 = 6.0;
@@ -107,8 +107,8 @@ pub struct Preflight {
     condition: Option<f64>,
     /// When parameters are asked for next [s].
     ask_s: f64,
-    /// When they were asked for first [s].
-    asked_s: Option<f64>,
+    /// When that of the dead-man switch was known [s].
+    told_s: Option<f64>,
     /// What was missing last, in words after "waiting for it".
     pub missing: Option<&'static str>,
     /// When the next line on what is missing is due [s].
@@ -272,10 +272,12 @@ impl Preflight {
         {
             return refuse(format!("{} = {value}: {why}", condition.parameters.join(" or ")));
         }
+        if self.dead_man.is_some() {
+            self.told_s.get_or_insert(now_s);
+        }
         let awaited = condition.filter(|_| self.condition.is_none() && !self.is_patience_over(now_s));
         if now_s >= self.ask_s && (self.dead_man.is_none() || self.condition.is_none()) {
             self.ask_s = now_s + ASK_S;
-            self.asked_s.get_or_insert(now_s);
             orders.extend(self.dead_man.is_none().then_some(Order::Parameter(parameter)));
             orders.extend(awaited.iter().flat_map(|condition| condition.parameters).map(|name| Order::Parameter(name)));
         }
@@ -286,7 +288,7 @@ impl Preflight {
     }
 
     fn is_patience_over(&self, now_s: f64) -> bool {
-        self.asked_s.is_some_and(|asked_s| now_s - asked_s >= OPTIONAL_S)
+        self.told_s.is_some_and(|told_s| now_s - told_s >= OPTIONAL_S)
     }
 
     /// What was found, for people: what the vehicle does when the bridge is silent, and what could not be checked.

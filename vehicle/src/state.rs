@@ -225,11 +225,13 @@ impl VehicleState {
 
     /// Whether it has disarmed on the ground: it says so, and where it is agrees with that.
     pub fn has_disarmed(&self, now_s: f64) -> bool {
+        let is_low = !self.is_high() && (self.fix.is_some() || self.says_in_air.is_some());
         let stands = || {
-            let is_slow = self.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() < STANDS_MPS);
-            is_slow && self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= STANDS_S)
+            let may_stand =
+                self.fix().map_or(!self.is_high(), |fix| Vector3::from(fix.velocity_mps).norm() < STANDS_MPS);
+            may_stand && self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= STANDS_S)
         };
-        self.is_armed.believed == Some(false) && self.says_disarmed() && (!self.is_high() || stands())
+        self.is_armed.believed == Some(false) && self.says_disarmed() && (is_low || stands())
     }
 
     /// Its last position.

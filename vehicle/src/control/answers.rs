@@ -17,13 +17,13 @@ const CALL_EVERY_S: f64 = 310.0;
 const CALL_S: f64 = 0.3;
 
 /// Whether a vehicle gets heartbeats of the bridge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Heartbeats {
     /// It does, whoever else is at its address.
     Due,
     /// It does not, so that its dead-man switch acts.
     Withheld,
-    /// It does, unless those of another at its address are withheld.
+    /// It does, unless those of another on its connection are withheld.
     Idle,
 }
 
@@ -32,7 +32,8 @@ pub enum Heartbeats {
 pub struct History {
     /// Whether it has been armed by an order, as far as is known: that may be on its way.
     pub was_armed: bool,
-    /// Whether it was found on the ground, disarmed: if it was not armed by an order, whoever flies it is somebody else.
+    /// Whether it was on the ground, disarmed, or is known not to have been armed by a bridge: if it was not armed by an
+    /// order since, whoever flies it is somebody else.
     pub was_down: bool,
     /// Whether its last return was seen in effect: whoever stops it is no failure of the link.
     pub has_seen_return: bool,

@@ -69,7 +69,7 @@ fn a_vehicle_that_the_bridge_gives_up_in_the_air_gets_no_heartbeats() {
         speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
         speak(bridge, 1, [60.0, 50.0, 20.0], GUIDED, true, now_s);
     };
-    run(&mut bridge, 5.0, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s));
+    run(&mut bridge, 7.0, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s));
     bridge.refuse(1, "two of them".to_owned(), now_s).unwrap();
     let orders = run(&mut bridge, 5.0, &mut now_s, both_fly);
     assert!(orders.iter().all(|(uav, _)| *uav == 0), "{orders:?}");

@@ -129,6 +129,17 @@ fn a_vehicle_whose_dead_man_switch_does_not_act_in_flight_is_refused() {
     };
     let values = [0.0, 1.0, 2.0, 4.0, 7.0].map(|value| refusal(AutopilotKind::Px4, value));
     assert_eq!(values, [None, None, except_hold(2), None, except_hold(7)]);
+    // It is asked until it has told its switch, and for some seconds more.
+    let mut late = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    late.is_a(AutopilotKind::Px4);
+    let switch = late.dead_man.take();
+    late.advance(10.0);
+    late.dead_man = switch;
+    late.advance(3.0);
+    assert!(!late.copter.is_armed, "{:?}", late.said);
+    late.condition = Some(2.0);
+    late.advance(2.0);
+    assert_eq!(late.refusal.map(|refusal| refusal.why.to_string()), except_hold(2));
     let why = "SYSID_MYGCS or MAV_GCS_SYSID = 250: expected 255, the system of the bridge, or ?own_system=250 behind the \
                address";
     let stations = [255.0, 250.0].map(|value| refusal(AutopilotKind::ArduPilot, value));

@@ -166,6 +166,21 @@ fn an_order_to_arm_that_was_not_sent_is_forgotten_unless_another_has_no_answer_y
 }
 
 #[test]
+fn a_vehicle_in_the_air_that_says_it_is_disarmed_before_its_first_position_is_flown_on() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.heartbeat_s = 0.2;
+    flight.says_no_position = true;
+    for _ in 0..2 {
+        flight.is_odd = true;
+        flight.until(5.0, |flight| !flight.is_odd);
+    }
+    flight.says_no_position = false;
+    flight.until(30.0, |flight| flight.bridge.control(0).phase() == Phase::Flying);
+}
+
+#[test]
 fn a_landed_vehicle_that_knows_no_position_ends_its_mission_under_the_next_bridge() {
     let mut before = hovering(AutopilotKind::ArduPilot);
     before.fly_slot(1, Some(plan(50.0, 62.0)));
