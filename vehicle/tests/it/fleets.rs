@@ -24,6 +24,11 @@ fn fleet(beginning: Beginning, keys: &str) -> Bridge {
 
 /// Lets the vehicle number `uav` say where it is: at `at_m` [m], in this mode of ArduPilot.
 fn speak(bridge: &mut Bridge, uav: usize, at_m: [f64; 3], mode: u32, is_armed: bool, now_s: f64) {
+    said(at_m, mode, is_armed, now_s).iter().for_each(|telemetry| bridge.hear(uav, telemetry, now_s));
+}
+
+/// What it says: first its heartbeat.
+fn said(at_m: [f64; 3], mode: u32, is_armed: bool, now_s: f64) -> [Telemetry; 5] {
     let place = Projection::at(HOME).unproject(&Position::new(at_m[0], at_m[1])).unwrap();
     let fix = Fix {
         lat_deg: place.lat_deg,
@@ -34,15 +39,13 @@ fn speak(bridge: &mut Bridge, uav: usize, at_m: [f64; 3], mode: u32, is_armed: b
         heading_deg: f64::INFINITY,
         boot_s: now_s,
     };
-    for telemetry in [
+    [
         Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode, is_armed, is_booting: false },
         Telemetry::Position(fix),
         Telemetry::Battery(Some(0.9)),
         Telemetry::InAir(at_m[2] > 1.0),
         Telemetry::Parameter { name: "FS_GCS_ENABLE".to_owned(), value: 1.0, is_integer: false },
-    ] {
-        bridge.hear(uav, &telemetry, now_s);
-    }
+    ]
 }
 
 /// GUIDED and LOITER.
@@ -96,6 +99,23 @@ fn a_vehicle_that_the_bridge_gives_up_in_the_air_gets_no_heartbeats() {
         run(&mut next, 5.0, &mut now_s, |bridge, now_s| speak(bridge, 1, [60.0, 50.0, 20.0], GUIDED, true, now_s));
         assert_eq!(next.control(1).heartbeats(now_s), of_it, "{away_m} m, under the next bridge");
     }
+}
+
+#[test]
+fn no_return_follows_a_heartbeat_from_before_the_vehicle_was_chosen() {
+    let mut bridge = fleet(Beginning::Resumed, "");
+    let [heartbeat, others @ ..] = said([50.0, 50.0, 20.0], GUIDED, true, 1.0);
+    (0..2).for_each(|_| bridge.hear_earlier(0, &heartbeat, 1.0));
+    others.iter().for_each(|telemetry| bridge.hear(0, telemetry, 1.0));
+    bridge.return_home("the run is stopped", 1.0);
+    let is_sent_home = |bridge: &mut Bridge| {
+        let mut orders = Vec::new();
+        let _ = bridge.poll(1.0, |_, order| orders.push(*order), |_, _| {});
+        orders.contains(&Order::Return)
+    };
+    assert!(!is_sent_home(&mut bridge), "its pilot may have chosen another mode since");
+    bridge.hear(0, &heartbeat, 1.0);
+    assert!(is_sent_home(&mut bridge));
 }
 
 #[test]
