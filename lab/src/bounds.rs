@@ -61,13 +61,15 @@ mod tests {
     use skysink_common::scenario::Overrides;
 
     /// The bounds on the undelivered bits and the score for four SNs that hold so much [Mbit], one of which is served in
-    /// each of 500 slots of 1 s, at up to 1.4 MHz · 5.55 bit/s/Hz = 7.77 Mbit/s.
-    fn bounds_of(data_mbit: [f64; 4]) -> [f64; 2] {
+    /// each of 500 slots of 1 s, at up to 1.4 MHz · 5.55 bit/s/Hz = 7.77 Mbit/s. The first has this weight, the others 1.
+    fn bounds_of(data_mbit: [f64; 4], weight: u32) -> [f64; 2] {
         let folder = tempfile::tempdir().unwrap();
         let rates = "distance_m,altitude_m,probability,rate_bps\n0,20,0.5,7770000\n30,20,0.5,1400000\n";
         std::fs::write(folder.path().join("rates.csv"), rates).unwrap();
-        let rows = data_mbit.map(|data_mbit| format!("50,50,{}\n", data_mbit * 1e6));
-        std::fs::write(folder.path().join("list.csv"), format!("x_m,y_m,queue_bits\n{}", rows.concat())).unwrap();
+        let mut weights = [weight, 1, 1, 1].into_iter();
+        let rows = data_mbit.map(|data_mbit| format!("50,50,{},{}\n", data_mbit * 1e6, weights.next().unwrap()));
+        std::fs::write(folder.path().join("list.csv"), format!("x_m,y_m,queue_bits,weight\n{}", rows.concat()))
+            .unwrap();
         let text = "name = 'x'\nslots = 500\n[sensors]\nfile = 'list.csv'\ncapacity_bits = 2000000000\nsampling_bps = 0.0\n\
                     [link]\nmodel = 'table'\nfile = 'rates.csv'\ncomm_s = 1.0\nresource_blocks = 1\n\
                     [planner]\nobjective = 'collect'\n";
@@ -80,12 +82,16 @@ mod tests {
     #[test]
     fn the_score_is_bounded_by_the_best_rate() {
         // 500 s carry 3885 of 4000 Mbit: 100 · 3885/4000 = 97.125, and nothing for the time.
-        let [undelivered_bits, score] = bounds_of([1000.0; 4]);
+        let [undelivered_bits, score] = bounds_of([1000.0; 4], 1);
         assert_eq!(undelivered_bits, 115e6);
         assert!((score - 97.125).abs() < 1e-9, "{score}");
         // 3000 Mbit take 386.1 s at least: 100 + 500 − 386.1 = 213.9. In whole slots with one SN each they take
         // 249 + 13 + 92 + 34 = 388.
-        let [undelivered_bits, score] = bounds_of([1931.74, 96.18, 710.65, 261.43]);
+        let [undelivered_bits, score] = bounds_of([1931.74, 96.18, 710.65, 261.43], 1);
         assert_eq!((undelivered_bits, score), (0.0, 212.0));
+        // By weights 3, 1, 1, 1, of 1.5 in the mean: 129 services take all of the first, and 371 carry 2882.67 of the others'
+        // 3000 Mbit.
+        let [undelivered_bits, _] = bounds_of([1000.0; 4], 3);
+        assert!((undelivered_bits - 117.33e6 / 1.5).abs() < 1.0, "{undelivered_bits}");
     }
 }

@@ -2,10 +2,11 @@
 //!
 //! iceoryx2 creates shared memory write-only, sets its size, fills it, and then makes it readable. Opening memory whose
 //! creator died before the size was set blocks for ever, and opening memory that is not readable blocks for a second.
-//! So the janitor runs in its own thread: the launcher itself may be blocked.
+//! So the janitor runs in its own thread: the launcher itself may be blocked. If the launcher dies, the other processes
+//! do the same until they have left the ring.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -17,6 +18,7 @@ use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState, SemanticSt
 
 use crate::folder::RingFolder;
 use crate::home::SHARED_MEMORY;
+use crate::wait::SUPERVISOR_CHECK;
 
 /// Removes the resources of dead processes, whose buffers would block a writer for ever.
 pub fn remove_dead_nodes<S: Service>(config: &Config) {
@@ -85,13 +87,33 @@ impl Janitor {
     pub fn start(folder: &RingFolder) -> Self {
         let (end, ended) = channel();
         let prefix = folder.prefix();
-        let thread = thread::spawn(move || {
-            let mut unfinished = BTreeMap::new();
-            while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(SCAN_PERIOD) {
-                unfinished = remove_abandoned(Path::new(SHARED_MEMORY), &prefix, &unfinished, has_waking_process);
-            }
-        });
+        let is_over = move || ended.recv_timeout(SCAN_PERIOD) != Err(RecvTimeoutError::Timeout);
+        let thread = thread::spawn(move || clean(&prefix, is_over));
         Self { end: Some(end), thread: Some(thread) }
+    }
+}
+
+/// Starts a thread that does what the [`Janitor`] does once the launcher, which has locked `supervisor`, is dead, as long
+/// as the process runs and the ring has a folder.
+pub(crate) fn stand_by(folder: &RingFolder, supervisor: File) {
+    let (path, prefix) = (folder.path().to_owned(), folder.prefix());
+    thread::spawn(move || {
+        while supervisor.try_lock_shared().is_err() {
+            thread::sleep(SUPERVISOR_CHECK);
+        }
+        drop(supervisor); // the other processes try it, too
+        clean(&prefix, || {
+            thread::sleep(SCAN_PERIOD);
+            !path.exists()
+        });
+    });
+}
+
+/// Removes abandoned shared memory, whose names begin with `prefix`, until the ring `is_over`.
+fn clean(prefix: &str, is_over: impl Fn() -> bool) {
+    let mut unfinished = BTreeMap::new();
+    while !is_over() {
+        unfinished = remove_abandoned(Path::new(SHARED_MEMORY), prefix, &unfinished, has_waking_process);
     }
 }
 
@@ -214,6 +236,23 @@ mod tests {
         let finish_and_sleep = |path: &Path| fs::set_permissions(path, fs::Permissions::from_mode(0o600)).is_err();
         assert_eq!(scans(folder.path(), MAX_SCANS, finish_and_sleep).len(), 0);
         assert!(path.exists());
+    }
+
+    #[test]
+    fn the_other_processes_clean_up_once_the_launcher_is_dead() {
+        let folder = RingFolder::create(crate::terms::Terms::default()).unwrap();
+        let path = Path::new(SHARED_MEMORY).join(folder.prefix() + "a.connection");
+        fs::write(&path, "").unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o200)).unwrap();
+        let locked = tempfile::NamedTempFile::new().unwrap();
+        locked.as_file().lock().unwrap(); // the launcher
+        stand_by(&folder, locked.reopen().unwrap());
+        thread::sleep(SCAN_PERIOD * MAX_SCANS * 2);
+        assert!(path.exists(), "the launcher does it");
+        drop(locked);
+        while path.exists() {
+            thread::sleep(SCAN_PERIOD);
+        }
     }
 
     #[test]

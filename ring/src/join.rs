@@ -8,6 +8,7 @@ use iceoryx2::prelude::*;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
+use crate::cleanup::stand_by;
 use crate::error::RingError;
 use crate::folder::RingFolder;
 use crate::reader::MAX_AHEAD;
@@ -37,6 +38,9 @@ impl<S: Service + 'static> Ring<S> {
         let is_launcher = role == Role::Launcher;
         let agreed = if is_launcher { Some(attributes(&terms, scenario)?) } else { None };
         let role_lock = if is_launcher { None } else { Some(Arc::new(RoleLock::acquire(folder.path(), role)?)) };
+        if !is_launcher && let Some(supervisor) = folder.supervisor()? {
+            stand_by(folder, supervisor);
+        }
         let node = node::<S>(folder, role.name())?;
         if is_launcher {
             let restricted = folder.restrict_process_counter();

@@ -248,7 +248,7 @@ impl Stopwatch {
 }
 
 /// Period of the checks of the launcher's lock.
-const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
+pub(crate) const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
 
 impl WaitContext {
     /// Begins a wait for the sample of `slot` on `topic`, which comes from `from`.

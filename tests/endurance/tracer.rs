@@ -39,7 +39,7 @@ struct Process {
     calls: u64,
 }
 
-/// Runs a launcher until it and all of its descendants have ended. Of the processes of `points` the system calls are
+/// Runs a launcher until it and all of its descendants have ended. Fails if they do not. Of the processes of `points` the system calls are
 /// counted, and they are killed at these points.
 pub fn kill_at(command: Command, points: &[CrashPoint]) -> Traced {
     trace(command, points, kill)
@@ -53,16 +53,22 @@ pub fn trace(mut command: Command, points: &[CrashPoint], act: impl FnMut(pid_t)
     unsafe { command.pre_exec(|| request(libc::PTRACE_TRACEME, 0, 0, 0)) };
     let launcher = pid_t::try_from(command.spawn().expect("a launcher that may be traced").id()).unwrap();
     let running = Arc::new(Mutex::new(BTreeMap::new()));
-    let (_ended, end) = mpsc::channel::<()>();
+    let (ended, end) = mpsc::channel::<()>();
     let watched = Arc::clone(&running);
-    std::thread::spawn(move || {
-        if end.recv_timeout(WATCHDOG) == Err(mpsc::RecvTimeoutError::Timeout) {
-            watched.lock().unwrap().values().for_each(|&process| kill(process));
-        }
+    let watchdog = std::thread::spawn(move || {
+        let is_late = end.recv_timeout(WATCHDOG) == Err(mpsc::RecvTimeoutError::Timeout);
+        let running = watched.lock().unwrap();
+        let names = |process: &pid_t| fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default();
+        let late: BTreeSet<String> = running.values().map(names).filter(|_| is_late).collect();
+        running.values().filter(|_| is_late).for_each(|&process| kill(process));
+        late
     });
     let mut tracer =
         Tracer { points, act, running, followed: BTreeMap::new(), seen: BTreeSet::new(), reached: Vec::new() };
     let status = tracer.follow(launcher);
+    drop(ended);
+    let late = watchdog.join().unwrap();
+    assert!(late.is_empty(), "{points:?}: {late:?} did not end within {WATCHDOG:?}");
     Traced {
         code: libc::WIFEXITED(status).then(|| libc::WEXITSTATUS(status)),
         signal: libc::WIFSIGNALED(status).then(|| libc::WTERMSIG(status)),
