@@ -1,11 +1,14 @@
 //! Processes of the ring are killed and restarted, and the trace is that of the undisturbed mission.
 
+use std::fs::{self, File};
+use std::os::unix::fs::OpenOptionsExt as _;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
 
 use crate::support::flight::{RING, RunningFlight};
-use crate::support::{Place, output, signal_and_wait, until};
+use crate::support::{Place, output, signal_and_wait, until, until_exited};
 use crate::{events, longer};
 
 /// Kills workers at random instants while the run lasts, and returns the number of kills. Between two rounds of kills
@@ -58,6 +61,24 @@ fn kills_at_any_time_do_not_change_the_trace() {
     }
     assert!(kills >= 80, "{kills} kills"); // usually more than a hundred
     place.assert_clean();
+}
+
+#[test]
+fn processes_end_after_their_launcher_though_one_died_while_it_created_memory() {
+    let place = Place::new();
+    let run = place.flight("paced").without_viewer().pace("10x").start();
+    run.until_slot(10);
+    let others = ["field-sim", "planner"].map(|role| run.worker(role));
+    let creator = run.worker("flight-sim");
+    run.kill_launcher();
+    kill_process(creator, Signal::KILL).unwrap();
+    for path in place.shared_memory() {
+        if path.extension().is_some_and(|extension| extension == "connection") {
+            fs::remove_file(&path).unwrap();
+            File::options().write(true).create_new(true).mode(0o200).open(&path).unwrap(); // its size is not set yet
+        }
+    }
+    others.map(until_exited);
 }
 
 #[test]
