@@ -14,6 +14,9 @@ use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
 pub const AUTOPILOT: u8 = 1;
 
 /// Bit of the base mode of an armed vehicle.
+/// Standard deviation of a position [m] beyond which it is no estimate.
+const MOST_SIGMA_M: f64 = 1e6;
+
 const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 
 /// What a message of an autopilot means; `None` for one that means nothing here.
@@ -50,7 +53,7 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
         }
         MavMessage::ESTIMATOR_STATUS(status) => {
             let accuracy_m = [status.pos_horiz_accuracy, status.pos_vert_accuracy].map(f64::from);
-            let is_known = accuracy_m.iter().all(|sigma_m| sigma_m.is_finite() && *sigma_m >= 0.0);
+            let is_known = accuracy_m.iter().all(|sigma_m| (0.0..=MOST_SIGMA_M).contains(sigma_m));
             is_known.then_some(Telemetry::Accuracy(accuracy_m))?
         }
         MavMessage::BATTERY_STATUS(status) if status.id == 0 => battery(status.battery_remaining),
@@ -306,7 +309,7 @@ mod tests {
         let accuracy = |pos_horiz_accuracy: f32| {
             decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))
         };
-        assert_eq!((accuracy(f32::NAN), accuracy(-0.5)), (None, None));
+        assert_eq!([f32::NAN, -0.5, 1e20].map(accuracy), [None, None, None]);
         assert_eq!(accuracy(0.5), Some(Telemetry::Accuracy([0.5, 0.0])));
     }
 

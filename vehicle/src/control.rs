@@ -88,8 +88,6 @@ pub struct VehicleControl {
     jumps: Jumps,
     /// Whether it has refused its target.
     has_refused: bool,
-    /// Whether it has refused to be armed.
-    has_refused_arming: bool,
     /// Whether it follows a reposition only if that may change its mode.
     must_change_mode: bool,
     /// Whether it has hovered at its start, or was in its mission before.
@@ -99,6 +97,10 @@ pub struct VehicleControl {
     /// When it began to climb, and to fly to its start [s].
     climbs_s: Option<f64>,
     to_start_s: Option<f64>,
+    /// When it was ordered to return [s].
+    returns_s: Option<f64>,
+    /// The orders of which it was said that it refuses them.
+    said_refused: Vec<Order>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
     is_lost: bool,
@@ -146,12 +148,13 @@ impl VehicleControl {
             phase: Phase::Preflight,
             outbox: Outbox::default(),
             has_refused: false,
-            has_refused_arming: false,
             must_change_mode: false,
             has_begun: false,
             end: String::new(),
             climbs_s: None,
             to_start_s: None,
+            returns_s: None,
+            said_refused: Vec::new(),
             retry_s: 0.0,
             is_lost: false,
             stale_until_s: 0.0,
@@ -252,10 +255,6 @@ impl VehicleControl {
             self.takeover.answer_arming(result == ACCEPTED);
             if result == ACCEPTED {
                 self.note_arming(now_s);
-            } else if !std::mem::replace(&mut self.has_refused_arming, true) {
-                self.said.say(format!(
-                    "refuses to be armed: MAVLink result {result}; it is asked again while the checks hold"
-                ));
             }
         }
         if result == ACCEPTED {
@@ -265,6 +264,17 @@ impl VehicleControl {
             return;
         }
         self.retry_s = now_s + RETRY_S;
+        let refused = match order {
+            Order::Arm => Some(["to be armed", "while the checks hold"]),
+            Order::TakeOff(_) => Some(["to take off", "for two minutes"]),
+            Order::Return => Some(["to return", "and gets no heartbeats after half a minute"]),
+            _ => None,
+        };
+        let is_new = !self.said_refused.contains(&order);
+        if let Some([what, how_long]) = refused.filter(|_| is_new) {
+            self.said_refused.push(order);
+            self.said.say(format!("refuses {what}: MAVLink result {result}; it is asked again {how_long}"));
+        }
         match order {
             Order::Return => self.outbox.send(order, self.retry_s),
             Order::Reposition { .. } if result == TEMPORARILY_REJECTED => self.outbox.send(order, self.retry_s),

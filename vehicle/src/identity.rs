@@ -61,8 +61,9 @@ struct Heard {
     address: Option<SocketAddr>,
     /// When it was heard from that address [s].
     heard_s: f64,
-    /// Another address that has sent for its system.
+    /// Another address that has sent for its system, and whether the first has sent since.
     second: Option<SocketAddr>,
+    is_beside: bool,
     /// Its last position, and when that was heard [s].
     fix: Option<(Fix, f64)>,
     /// Whether its type is believed for good: ArduCopter tells its own only after a while.
@@ -106,7 +107,17 @@ impl Vehicles {
         let is_new = !self.heard.contains_key(&system);
         let HEARTBEAT_DATA { mavtype: kind, autopilot, .. } = *heartbeat;
         let first = heartbeat.clone();
-        let new = Heard { first, kind, autopilot, address, heard_s: now_s, second: None, fix: None, is_fixed: false };
+        let new = Heard {
+            first,
+            kind,
+            autopilot,
+            address,
+            heard_s: now_s,
+            second: None,
+            is_beside: false,
+            fix: None,
+            is_fixed: false,
+        };
         let heard = self.heard.entry(system).or_insert(new);
         if !heard.is_fixed && heard.address == address {
             (heard.kind, heard.autopilot) = (kind, autopilot);
@@ -126,10 +137,12 @@ impl Vehicles {
         let Some(heard) = self.heard.get_mut(&system) else { return Sender::Unknown };
         if heard.address == from {
             heard.heard_s = now_s;
+            heard.is_beside = heard.second.is_some();
             return Sender::Known;
         }
         // One that has spoken beside the vehicle is not the vehicle, now or later.
-        if now_s - heard.heard_s < KEEPS_ADDRESS_S || from.is_some() && heard.second == from {
+        let is_beside = heard.is_beside && from.is_some() && heard.second == from;
+        if now_s - heard.heard_s < KEEPS_ADDRESS_S || is_beside {
             heard.second = heard.second.or(from);
             return Sender::Second;
         }
@@ -141,6 +154,7 @@ impl Vehicles {
         }
         heard.address = from;
         heard.heard_s = now_s;
+        heard.second = heard.second.filter(|second| Some(*second) != from);
         Sender::Moved
     }
 
@@ -338,6 +352,8 @@ mod tests {
         assert_eq!(one.address(1), address(1));
         let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
         assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
+        assert_eq!(one.clone().hear(1, address(9), None, 3.0), Sender::Moved, "it was silent from then on");
+        assert_eq!(one.hear(1, address(1), None, 3.0), Sender::Known);
         assert_eq!(one.hear(1, address(9), None, 60.0), Sender::Second, "it was beside the vehicle");
         assert_eq!(one.hear(1, address(8), None, 61.0), Sender::Moved);
         assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(8), false));

@@ -154,7 +154,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let saved = SavedVehicles::of(folder.path(), ring.restarts > 0);
+        let saved = SavedVehicles::of(folder.path(), ring.restarts > 0, uavs);
         link.name(saved.vehicles().iter().map(|vehicle| (vehicle.chosen, vehicle.history.was_armed)));
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -430,6 +430,14 @@ impl<S: Service + 'static> BridgeProcess<S> {
             let _ = self.choose();
             let _ = self.exchange();
             std::thread::sleep(POLL_EVERY);
+        }
+        for uav in (0..self.bridge.uavs()).filter(|uav| !self.bridge.control(*uav).is_homebound()) {
+            if self.bridge.control(uav).is_committed() {
+                Role::FlightSim.log(format_args!(
+                    "vehicle {}: has not said that it returns: its dead-man switch has to bring it home",
+                    uav + 1
+                ));
+            }
         }
     }
 

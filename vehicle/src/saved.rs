@@ -39,12 +39,14 @@ pub struct SavedVehicles {
 }
 
 impl SavedVehicles {
-    /// What the bridge before has saved in the folder of the ring, if this one `is_restarted`.
+    /// What the bridge before has saved of its `uavs` vehicles in the folder of the ring, if this one `is_restarted`. If
+    /// that cannot be read, which is said, none is armed: they may have been.
     #[must_use]
-    pub fn of(folder: &Path, is_restarted: bool) -> Self {
+    pub fn of(folder: &Path, is_restarted: bool, uavs: usize) -> Self {
         let (mut vehicles, mut taken_over) = (Vec::<SavedVehicle>::new(), Vec::<usize>::new());
         if is_restarted {
-            (vehicles, taken_over) = (read(&folder.join(VEHICLES)), read(&folder.join(TAKEN_OVER)));
+            taken_over = read(folder, TAKEN_OVER).unwrap_or_default();
+            vehicles = read(folder, VEHICLES).unwrap_or_else(|| vec![UNKNOWN; uavs]);
         }
         for (vehicle, number) in vehicles.iter_mut().zip(1..) {
             if matches!(vehicle.history.fate, Fate::Open | Fate::Returns) && taken_over.contains(&number) {
@@ -100,10 +102,22 @@ impl SavedVehicles {
     }
 }
 
-/// The content of a file; empty if there is none, or another.
-fn read<T: DeserializeOwned + Default>(path: &Path) -> T {
-    let text = std::fs::read_to_string(path).unwrap_or_default();
-    serde_json::from_str(&text).unwrap_or_default()
+/// A vehicle of which nothing is known any more: it may have been armed.
+const UNKNOWN: SavedVehicle = SavedVehicle {
+    chosen: None,
+    history: History { was_armed: true, was_down: false, has_seen_return: false, fate: Fate::Open },
+};
+
+/// The content of a file, empty if there is none; `None`, which is said, if it cannot be read.
+fn read<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> Option<T> {
+    let path = folder.join(name);
+    let Ok(file) = std::fs::symlink_metadata(&path) else { return Some(T::default()) };
+    let text = if file.is_file() { std::fs::read_to_string(&path).ok() } else { None };
+    let content = text.and_then(|text| serde_json::from_str(&text).ok());
+    if content.is_none() {
+        Role::FlightSim.log(format_args!("{name} cannot be read: no vehicle is armed, as the bridge before may have"));
+    }
+    content
 }
 
 #[cfg(test)]
@@ -120,20 +134,38 @@ mod tests {
         };
         let fates = [Fate::Open, Fate::Returns, Fate::Ended, Fate::Left, Fate::Abandoned];
         let vehicles: Vec<_> = fates.into_iter().flat_map(|fate| [of(false, fate), of(true, fate)]).collect();
-        let mut saved = SavedVehicles::of(folder.path(), false);
+        let mut saved = SavedVehicles::of(folder.path(), false, 2);
         assert!(!saved.has_chosen_before() && saved.save(Vec::new()) && saved.save(vehicles.clone()));
         saved.save_taken_over(vec![1]);
         saved.save_taken_over(vec![2, 4, 5]);
-        let next = SavedVehicles::of(folder.path(), true);
+        let next = SavedVehicles::of(folder.path(), true, 2);
         let mut expected = vehicles.clone();
         [0, 1, 3].into_iter().for_each(|taken| expected[taken].history.fate = Fate::Left); // but for the fifth, which has landed since
         assert_eq!((next.vehicles(), next.has_chosen_before()), (&*expected, true));
         assert_eq!(next.taken_over, [1, 2, 4, 5]);
-        assert!(SavedVehicles::of(folder.path(), false).vehicles().is_empty(), "a new run begins anew");
+        assert!(SavedVehicles::of(folder.path(), false, 2).vehicles().is_empty(), "a new run begins anew");
 
-        let mut lost = SavedVehicles::of(&folder.path().join("none"), true);
+        let mut lost = SavedVehicles::of(&folder.path().join("none"), true, 2);
         assert!(!lost.save(vehicles.clone()) && !lost.save(vehicles.clone()));
         std::fs::create_dir(folder.path().join("none")).unwrap();
         assert!(lost.save(vehicles));
+    }
+
+    #[test]
+    fn vehicles_of_which_the_file_cannot_be_read_may_have_been_armed() {
+        let folder = tempfile::tempdir().unwrap();
+        let was_armed = || {
+            let saved = SavedVehicles::of(folder.path(), true, 2);
+            saved.vehicles().iter().map(|vehicle| vehicle.history.was_armed).collect::<Vec<_>>()
+        };
+        assert!(was_armed().is_empty(), "the bridge before has not begun");
+        let file = folder.path().join(VEHICLES);
+        for text in ["", "[", "{}", "\0"] {
+            std::fs::write(&file, text).unwrap();
+            assert_eq!(was_armed(), [true; 2], "{text:?}");
+        }
+        std::fs::remove_file(&file).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
+        assert_eq!(was_armed(), [true; 2], "a link to a device");
     }
 }

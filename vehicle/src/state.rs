@@ -44,6 +44,9 @@ const LOW: u32 = 5;
 const STANDS_MPS: f64 = 0.3;
 const STANDS_S: f64 = 5.0;
 
+/// Time after which a vehicle that says that it is disarmed is believed [s].
+const DOWN_S: f64 = 1.5;
+
 /// A state that is believed when two reports in a row agree on it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Confirmed<T> {
@@ -223,15 +226,17 @@ impl VehicleState {
         [&mut self.has_new_mode, &mut self.has_new_heartbeat].map(std::mem::take)
     }
 
-    /// Whether it has disarmed on the ground: it says so, and where it is agrees with that.
+    /// Whether it has disarmed on the ground: it says so, longer than copies of old heartbeats that come late, and where
+    /// it is agrees with that.
     pub fn has_disarmed(&self, now_s: f64) -> bool {
+        let says_so_for = |seconds: f64| self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= seconds);
         let is_low = !self.is_high() && (self.fix.is_some() || self.says_in_air.is_some());
         let stands = || {
             let may_stand =
                 self.fix().map_or(!self.is_high(), |fix| Vector3::from(fix.velocity_mps).norm() < STANDS_MPS);
-            may_stand && self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= STANDS_S)
+            may_stand && says_so_for(STANDS_S)
         };
-        self.is_armed.believed == Some(false) && self.says_disarmed() && (is_low || stands())
+        self.is_armed.believed == Some(false) && self.says_disarmed() && says_so_for(DOWN_S) && (is_low || stands())
     }
 
     /// Its last position.
@@ -375,7 +380,10 @@ mod tests {
         assert!(!state.has_disarmed(1.0), "20 m up");
         assert!(!state.has_disarmed(4.9) && state.has_disarmed(5.0), "it stands on a roof");
         state.hear(&Telemetry::InAir(false), LIMIT, 1.0);
-        assert!(state.has_disarmed(1.0), "it says that it is on the ground");
+        assert!(!state.has_disarmed(1.4) && state.has_disarmed(1.5), "it says that it is on the ground");
+        state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LIMIT, 2.0);
+        (0..3).for_each(|_| says(&mut state, 2.1));
+        assert!(!state.has_disarmed(2.1), "old ones that come late");
     }
 
     #[test]

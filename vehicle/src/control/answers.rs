@@ -11,6 +11,9 @@ use crate::telemetry::{Fix, Order};
 /// Time without a message after which a vehicle gets no heartbeats until it is heard [s].
 const ABANDONED_S: f64 = 10.0;
 
+/// Time after which a vehicle that does not return gets no heartbeats until it does [s].
+const RETURN_S: f64 = 30.0;
+
 /// Time between two calls of a vehicle that was never heard, longer than any dead-man switch waits (PX4: up to 300 s), and
 /// how long one takes [s].
 const CALL_EVERY_S: f64 = 310.0;
@@ -96,11 +99,18 @@ impl VehicleControl {
         let may_fly = self.is_committed() || self.assignment.beginning != Beginning::New;
         let is_left = match self.phase {
             Phase::Landed if !self.vehicle.may_be_armed() => return Heartbeats::Idle,
-            Phase::Landed => false, // somebody flies it again
+            Phase::Landed => self.is_unflown(), // else somebody flies it again
             Phase::TakenOver => self.is_abandoned && self.is_unflown() && !self.is_called(now_s),
+            Phase::Returning if self.does_not_return(now_s) => true,
             _ => may_fly && self.vehicle.unheard_s(now_s) >= ABANDONED_S && !self.is_called(now_s),
         };
         if is_left { Heartbeats::Withheld } else { Heartbeats::Due }
+    }
+
+    /// Whether the orders to return have had no effect for long.
+    fn does_not_return(&self, now_s: f64) -> bool {
+        let is_late = self.returns_s.is_some_and(|returns_s| now_s - returns_s >= RETURN_S);
+        is_late && self.is_unflown() && !self.takeover.has_seen_return()
     }
 
     /// Whether its mode, as far as it is known, is not one of others, nor a return.

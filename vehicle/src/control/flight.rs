@@ -56,8 +56,14 @@ impl VehicleControl {
             return;
         }
         let climbs_s = *self.climbs_s.get_or_insert(now_s);
-        if now_s - climbs_s > CLIMB_S && self.vehicle.is_in_air() {
-            self.return_home(&format!("it does not reach its altitude within {CLIMB_S} s"), now_s);
+        if now_s - climbs_s > CLIMB_S {
+            if self.vehicle.is_in_air() {
+                self.return_home(&format!("it does not reach its altitude within {CLIMB_S} s"), now_s);
+            } else {
+                let why = format!("it does not take off within {CLIMB_S} s");
+                self.said.say(format!("stays on the ground: {why}"));
+                self.land(&why);
+            }
             return;
         }
         let Some(fix) = self.vehicle.fix() else { return };
@@ -173,6 +179,7 @@ impl VehicleControl {
             Phase::Arming | Phase::TakeOff | Phase::Flying => {}
         }
         self.phase = Phase::Returning;
+        self.returns_s = Some(now_s);
         self.note_end(&format!("it has returned: {why}"));
         self.said.say(format!("returns: {why}"));
         self.outbox.clear();

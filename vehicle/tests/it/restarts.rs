@@ -394,8 +394,12 @@ fn a_vehicle_that_has_landed_under_the_bridge_before_is_not_flown_by_the_next() 
         let mut flight = restarted(&restarted(&before, beginning), beginning);
         flight.advance(20.0);
         assert!(flight.orders.is_empty() && flight.bridge.has_landed(), "{:?}", flight.said);
-        assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Due);
+        let heartbeats = |flight: &ClosedLoop| flight.bridge.control(0).heartbeats(flight.now_s);
+        assert_eq!(heartbeats(&flight), Heartbeats::Withheld, "nobody is known to fly it");
         assert_eq!(flight.bridge.has_begun(), beginning == RESTARTED, "slots need somebody who flies");
+        flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(2.5);
+        assert_eq!(heartbeats(&flight), Heartbeats::Due);
     }
 }
 
