@@ -34,7 +34,8 @@ const CHECK_KEY: &str = ",\n  \"check\": ";
 const TRACE: &str = "slots.csv";
 
 /// The other files of a run, except its recordings.
-const FILES: [&str; 7] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, SUMMARY, "optimum.json", SENSOR_RESULTS];
+const FILES: [&str; 8] =
+    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, SUMMARY, "optimum.json", "vehicles.json", SENSOR_RESULTS];
 
 /// The files of a run.
 static LAYOUT: FolderLayout = FolderLayout {

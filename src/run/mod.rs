@@ -113,7 +113,7 @@ impl RunCommand {
             None => folder.slot_log()?,
             Some(resumed) => {
                 folder.remove_sensor_results()?; // they covered the slots so far
-                resumed.save_checkpoints(&ring)?
+                resumed.save_checkpoints(&folder, &ring)?
             }
         };
         let launch = Launch::of(&folder);

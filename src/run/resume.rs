@@ -161,10 +161,36 @@ pub(crate) fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result
     Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
+/// Lets the flights of the vehicles whose missions ended after the last recorded slot say so.
+#[cfg(feature = "mavlink")]
+fn leave_ended(run: &RunFolder, flights: &mut [FlightReport]) -> Result<(), InputError> {
+    use skysink_vehicle::control::Fate;
+    for (flight, fate) in flights.iter_mut().zip(skysink_vehicle::saved::ended_in(run.path())?) {
+        let mode = match fate {
+            Fate::Open | Fate::Returns => continue,
+            Fate::Ended => Mode::Down,
+            Fate::Left | Fate::Abandoned if flight.flown_mode() == Mode::Down => Mode::Down,
+            Fate::Left | Fate::Abandoned => Mode::Return,
+        };
+        let FlightReport { served, links, .. } = FlightReport::at(flight.position(), mode);
+        *flight = FlightReport { mode: mode as u32, served, links, ..*flight };
+    }
+    Ok(())
+}
+
+/// There are none.
+#[cfg(not(feature = "mavlink"))]
+fn leave_ended(_: &RunFolder, _: &mut [FlightReport]) -> Result<(), InputError> {
+    Ok(())
+}
+
 impl ResumedRun {
-    /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after
-    /// the last complete line.
-    pub(crate) fn save_checkpoints(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
+    /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace of `run`, truncated
+    /// after the last complete line.
+    ///
+    /// # Errors
+    /// If a file cannot be read or written.
+    pub(crate) fn save_checkpoints(mut self, run: &RunFolder, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
         self.log.resume()?;
         let slot = self.plant.slot();
         if slot == 0 {
@@ -175,7 +201,9 @@ impl ResumedRun {
         let uavs = self.plant.flights().len();
         journal(ring_folder, count, uavs)?.save(slot, &[], &self.planner)?;
         fields::resume(&mut fields::journal(ring_folder, &field, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
-        flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
+        let mut flights = self.plant.flights().clone();
+        leave_ended(run, &mut flights)?;
+        flights::journal(ring_folder, uavs)?.save(slot, &[], &flights)?;
         Ok(self.log)
     }
 }

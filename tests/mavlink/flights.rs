@@ -2,6 +2,7 @@
 
 use std::net::UdpSocket;
 
+use crate::support::flight::RunningFlight;
 use crate::support::vehicles::{SLOW, TestVehicle};
 use crate::support::{Place, csv_rows};
 use rustix::process::Signal;
@@ -99,6 +100,29 @@ pub fn a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed() {
     let ended = run.terminate();
     assert!(ended.stderr.contains("; it is not resumed, as a vehicle was taken over"), "{ended:?}");
     assert!(!ended.stderr.contains("--resume"), "{ended:?}");
+}
+
+pub fn what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resumed_run() {
+    for is_landed in [false, true] {
+        let place = Place::new();
+        let vehicle = TestVehicle::start(KinematicOptions::default());
+        let run = vehicle.flight(&place).start();
+        run.until_slot(2);
+        if is_landed {
+            vehicle.act(|copter| copter.body.position_m.z = 0.0);
+            vehicle.act(|copter| copter.disarm());
+        } else {
+            vehicle.change_to(CopterMode::Loiter);
+        }
+        run.until_printed(if is_landed { "has disarmed: its mission is over" } else { "vehicle 1: is taken over" });
+        run.terminate();
+        let resumed = place.skysink(&["run", "--resume", "run", "--no-viewer", "--vehicle", &vehicle.address]);
+        let resumed = RunningFlight::start(&place, resumed, "run");
+        resumed.until_slots_later(3);
+        let ended = resumed.terminate();
+        assert!(!ended.stderr.contains("arming") && !ended.stderr.contains("flying on"), "{ended:?}");
+        vehicle.until("the same state", |copter| copter.is_armed != is_landed && copter.mode != CopterMode::Return);
+    }
 }
 
 pub fn a_run_in_which_nothing_is_flown_fails_and_says_why() {

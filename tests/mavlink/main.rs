@@ -28,6 +28,7 @@ fn main() -> ExitCode {
         flights::a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end,
         flights::a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it,
         flights::a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed,
+        flights::what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resumed_run,
         flights::a_run_in_which_nothing_is_flown_fails_and_says_why,
         flights::a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown,
         flights::a_vehicle_that_is_not_there_is_named_by_its_address,

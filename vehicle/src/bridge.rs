@@ -231,6 +231,11 @@ impl Bridge {
         self.members.iter().map(|member| member.control.history())
     }
 
+    /// How far the missions of the vehicles have come.
+    pub fn fates(&self) -> impl Iterator<Item = Fate> {
+        self.members.iter().map(|member| member.control.fate())
+    }
+
     /// Flies without the vehicle of this number from 0, because of `why`.
     ///
     /// # Errors

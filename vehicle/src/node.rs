@@ -213,7 +213,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut journal = journal(folder, scenario.uav.uavs())?;
         let mut heard = Instant::now();
         while !self.bridge.has_begun() {
-            self.poll()?;
+            self.poll_in_mission()?;
             self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
             if !self.saved.has_chosen_before() || self.bridge.is_heard() {
                 heard = Instant::now();
@@ -281,9 +281,16 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 self.has_flown = true;
                 return Ok(());
             }
-            self.poll()?;
+            self.poll_in_mission()?;
             self.pause()?;
         }
+    }
+
+    /// As [`poll`](Self::poll), and saves which missions have ended before the last slot.
+    fn poll_in_mission(&mut self) -> Result<(), NodeError> {
+        let polled = self.poll();
+        self.saved.save_ended(self.bridge.fates());
+        polled
     }
 
     /// When `slot` has begun, on the monotonic clock [ns]; `None` if it has not.

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use skysink_common::error::InputError;
+use skysink_ring::folder::record_path;
 use skysink_ring::role::Role;
 
 use crate::control::{Fate, History};
@@ -14,6 +16,19 @@ const VEHICLES: &str = "vehicles.json";
 
 /// The file of the ring that is there once a vehicle was taken over: such a run is not to be resumed.
 pub const TAKEN_OVER: &str = "taken-over.json";
+
+/// The file of the run folder with how far the missions of its vehicles have come, once one has ended before the last slot:
+/// a run that is resumed leaves those.
+const ENDED: &str = "vehicles.json";
+
+/// How far the missions of the vehicles of the run in a folder have come, by UAV; none if all go on.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn ended_in(run: &Path) -> Result<Vec<Fate>, InputError> {
+    let expected = "expected how far the vehicles have come, as the bridge has written it";
+    read(&run.join(ENDED)).ok_or_else(|| InputError::new("run folder", &run.join(ENDED), expected))
+}
 
 /// What is known of a vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,6 +43,9 @@ pub struct SavedVehicle {
 #[derive(Debug)]
 pub struct SavedVehicles {
     folder: PathBuf,
+    /// The folder of the run, if it is on this host.
+    run: Option<PathBuf>,
+    ended: Vec<Fate>,
     /// By UAV.
     vehicles: Vec<SavedVehicle>,
     /// Whether the bridge before has chosen a vehicle.
@@ -35,7 +53,7 @@ pub struct SavedVehicles {
     /// The numbers of the vehicles that were taken over, from 1.
     taken_over: Vec<usize>,
     /// The files of which it was said that they cannot be written.
-    said: Vec<&'static str>,
+    said: Vec<PathBuf>,
 }
 
 impl SavedVehicles {
@@ -45,8 +63,12 @@ impl SavedVehicles {
     pub fn of(folder: &Path, is_restarted: bool, uavs: usize) -> Self {
         let (mut vehicles, mut taken_over) = (Vec::<SavedVehicle>::new(), Vec::<usize>::new());
         if is_restarted {
-            taken_over = read(folder, TAKEN_OVER).unwrap_or_default();
-            vehicles = read(folder, VEHICLES).unwrap_or_else(|| vec![UNKNOWN; uavs]);
+            taken_over = read(&folder.join(TAKEN_OVER)).unwrap_or_default();
+            vehicles = read(&folder.join(VEHICLES)).unwrap_or_else(|| {
+                Role::FlightSim
+                    .log(format_args!("{VEHICLES} cannot be read: no vehicle is armed, as the bridge before may have"));
+                vec![UNKNOWN; uavs]
+            });
         }
         for (vehicle, number) in vehicles.iter_mut().zip(1..) {
             if matches!(vehicle.history.fate, Fate::Open | Fate::Returns) && taken_over.contains(&number) {
@@ -54,7 +76,8 @@ impl SavedVehicles {
             }
         }
         let has_chosen_before = vehicles.iter().any(|vehicle| vehicle.chosen.is_some());
-        Self { folder: folder.to_owned(), vehicles, has_chosen_before, taken_over, said: Vec::new() }
+        let (run, ended) = (record_path(folder), Vec::new());
+        Self { folder: folder.to_owned(), run, ended, vehicles, has_chosen_before, taken_over, said: Vec::new() }
     }
 
     /// The vehicles, by UAV; none before they are saved.
@@ -69,7 +92,8 @@ impl SavedVehicles {
 
     /// Saves what the bridge after this one has to know. Returns whether that is saved.
     pub fn save(&mut self, vehicles: Vec<SavedVehicle>) -> bool {
-        let is_saved = vehicles == self.vehicles || self.write(VEHICLES, &vehicles, ": no vehicle is armed meanwhile");
+        let is_saved = vehicles == self.vehicles
+            || self.write(&self.folder.join(VEHICLES), &vehicles, ": no vehicle is armed meanwhile");
         if is_saved {
             self.vehicles = vehicles;
         }
@@ -80,22 +104,35 @@ impl SavedVehicles {
     pub fn save_taken_over(&mut self, numbers: Vec<usize>) {
         let mut taken_over = self.taken_over.clone();
         taken_over.extend(numbers.iter().filter(|number| !self.taken_over.contains(number)));
-        if taken_over.len() > self.taken_over.len() && self.write(TAKEN_OVER, &taken_over, "") {
+        if taken_over.len() > self.taken_over.len() && self.write(&self.folder.join(TAKEN_OVER), &taken_over, "") {
             self.taken_over = taken_over;
+        }
+    }
+
+    /// Saves in the folder of the run which missions have ended before the last slot.
+    pub fn save_ended(&mut self, fates: impl Iterator<Item = Fate>) {
+        let fates: Vec<Fate> = fates.collect();
+        let has_ended = |fate: &Fate| matches!(fate, Fate::Ended | Fate::Left | Fate::Abandoned);
+        if let Some(run) = &self.run
+            && fates != self.ended
+            && fates.iter().any(has_ended)
+            && self.write(&run.join(ENDED), &fates, ": --resume would fly its vehicles again")
+        {
+            self.ended = fates;
         }
     }
 
     /// Writes a file whole or, if that fails, not at all, which is said once, with what `follows`. Returns whether it was
     /// written.
-    fn write(&mut self, name: &'static str, content: &impl Serialize, follows: &str) -> bool {
-        let path = self.folder.join(name);
-        let new = path.with_extension("new");
+    fn write(&mut self, path: &Path, content: &impl Serialize, follows: &str) -> bool {
+        let name = path.file_name().unwrap_or_default().display();
+        let new = path.with_file_name(format!(".{name}.new"));
         let text = serde_json::to_string(content).expect("numbers and addresses are JSON");
-        let written = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, &path));
+        let written = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path));
         if let Err(error) = &written
-            && !self.said.contains(&name)
+            && !self.said.iter().any(|said| said == path)
         {
-            self.said.push(name);
+            self.said.push(path.to_owned());
             Role::FlightSim.log(format_args!("{name} cannot be written: {error}{follows}"));
         }
         written.is_ok()
@@ -108,16 +145,11 @@ const UNKNOWN: SavedVehicle = SavedVehicle {
     history: History { was_armed: true, was_down: false, has_seen_return: false, fate: Fate::Open },
 };
 
-/// The content of a file, empty if there is none; `None`, which is said, if it cannot be read.
-fn read<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> Option<T> {
-    let path = folder.join(name);
-    let Ok(file) = std::fs::symlink_metadata(&path) else { return Some(T::default()) };
-    let text = if file.is_file() { std::fs::read_to_string(&path).ok() } else { None };
-    let content = text.and_then(|text| serde_json::from_str(&text).ok());
-    if content.is_none() {
-        Role::FlightSim.log(format_args!("{name} cannot be read: no vehicle is armed, as the bridge before may have"));
-    }
-    content
+/// The content of a file, empty if there is none; `None` if it cannot be read.
+fn read<T: DeserializeOwned + Default>(path: &Path) -> Option<T> {
+    let Ok(file) = std::fs::symlink_metadata(path) else { return Some(T::default()) };
+    let text = if file.is_file() { std::fs::read_to_string(path).ok() } else { None };
+    serde_json::from_str(&text?).ok()
 }
 
 #[cfg(test)]
