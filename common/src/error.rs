@@ -77,16 +77,25 @@ pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str
     similar.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, candidate)| candidate)
 }
 
+/// Size of a file of settings, and of data, at most [MB]: what is parsed takes up to ten times as much memory.
+const MOST_SETTINGS_MB: u64 = 16;
+const MOST_MB: u64 = 500;
+
 /// Reads the file `path`, of the kind `what`.
 ///
 /// # Errors
-/// If it cannot be read, or is not a regular file (a pipe may never end).
+/// If it cannot be read, is not a regular file (a pipe may never end), or is too large.
 pub fn read_bytes(what: &'static str, path: &Path) -> Result<Vec<u8>, InputError> {
     let refuse = |message: &dyn Display| InputError::new(what, path, message);
     let kind = fs::metadata(path).map_err(|error| refuse(&error))?;
     if !kind.is_file() {
         let found = if kind.is_dir() { "it is a folder" } else { "it is a pipe or a device" };
         return Err(refuse(&format_args!("{found}: expected a regular file")));
+    }
+    let most_mb = if ["scenario", "sweep"].contains(&what) { MOST_SETTINGS_MB } else { MOST_MB };
+    if kind.len() > most_mb * 1_000_000 {
+        let mb = kind.len() / 1_000_000;
+        return Err(refuse(&format_args!("{mb} MB: expected at most {most_mb} MB")));
     }
     fs::read(path).map_err(|error| refuse(&error))
 }
@@ -252,6 +261,12 @@ mod tests {
         assert_eq!(refused(Path::new("/dev/zero")), "it is a pipe or a device: expected a regular file");
         fs::write(&path, b"a\nb\n\xff").unwrap();
         assert_eq!(refused(&path), "line 3: expected UTF-8 text");
+        fs::File::create(&path).unwrap().set_len(17_000_000).unwrap();
+        assert_eq!(refused(&path), "17 MB: expected at most 16 MB");
+        assert!(read_bytes("sensor list", &path).is_ok());
+        fs::File::create(&path).unwrap().set_len(501_000_000).unwrap();
+        let large = read_bytes("sensor list", &path).unwrap_err().message;
+        assert_eq!(large, "501 MB: expected at most 500 MB");
     }
 
     #[test]

@@ -50,6 +50,14 @@ pub fn is_run_folder(folder: &Path) -> bool {
     folder.join(TRACE).is_file() && !folder.join("sweep.json").exists()
 }
 
+/// Whether `file` is one that the run in its folder has written, or is to.
+#[must_use]
+pub fn is_of_run(file: &Path) -> bool {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let is_own = name == TRACE || (LAYOUT.is_result)(&name) || (LAYOUT.is_temporary)(&name);
+    is_own && file.parent().is_some_and(|folder| is_run_folder(&Path::new(".").join(folder)))
+}
+
 /// A run folder, locked by this process.
 #[derive(Debug)]
 pub struct RunFolder {

@@ -84,6 +84,10 @@ fn a_modified_or_unfinished_trace_is_refused() {
     place.run_ok(&geojson);
     refused(&place, &geojson, "run.geojson: it exists");
     place.run_ok(&[&geojson[..], &["--force"]].concat());
+    for own in ["run/slots.csv", "run/scenario.toml", "run/mission.rrd"] {
+        refused(&place, &[&geojson[..], &["--force", "--out", own]].concat(), "it is a file of a run");
+    }
+    assert_eq!(place.read("run/slots.csv"), whole);
     place.write("run/scenario.toml", &place.read("run/scenario.toml").replace("seed = 1", "seed = 2"));
     refused(&place, &geojson, "it was modified after the start of the run");
 }

@@ -39,6 +39,7 @@ use skysink_common::scenario::{Origin, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_all;
+use skysink_mission::record::is_of_run;
 use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
@@ -275,6 +276,7 @@ fn check_out(file: &Path, export: &Export) -> Result<(), InputError> {
         _ if file.file_name().is_none() => refuse("no name: expected a file"),
         _ if !folder_of(file).is_dir() => refuse("its folder does not exist: expected an existing folder"),
         Ok(found) if !found.is_file() => refuse("it is not a regular file: choose another --out"),
+        _ if is_of_run(file) => refuse("it is a file of a run: choose another --out"),
         Ok(_) if !export.force => refuse("it exists: choose another --out, or pass --force to replace it"),
         _ => Ok(()),
     }
