@@ -178,6 +178,24 @@ fn leave_ended(run: &RunFolder, flights: &mut [FlightReport]) -> Result<(), Inpu
     Ok(())
 }
 
+/// Checks that no vehicle has ended its mission before the first slot was recorded: it would be armed anew.
+#[cfg(feature = "mavlink")]
+fn check_unended(run: &RunFolder) -> Result<(), InputError> {
+    use skysink_vehicle::control::Fate;
+    let has_ended = |fate: &Fate| !matches!(fate, Fate::Open | Fate::Returns);
+    if skysink_vehicle::saved::ended_in(run.path())?.iter().any(has_ended) {
+        let message = "a vehicle was down or taken over before the end of slot 1: expected a new run";
+        return Err(InputError::new("run folder", run.path(), message));
+    }
+    Ok(())
+}
+
+/// There are none.
+#[cfg(not(feature = "mavlink"))]
+fn check_unended(_: &RunFolder) -> Result<(), InputError> {
+    Ok(())
+}
+
 /// There are none.
 #[cfg(not(feature = "mavlink"))]
 fn leave_ended(_: &RunFolder, _: &mut [FlightReport]) -> Result<(), InputError> {
@@ -194,6 +212,7 @@ impl ResumedRun {
         self.log.resume()?;
         let slot = self.plant.slot();
         if slot == 0 {
+            check_unended(run)?;
             return Ok(self.log);
         }
         let mut field = self.plant.field().clone();

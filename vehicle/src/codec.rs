@@ -14,10 +14,10 @@ use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
 pub const AUTOPILOT: u8 = 1;
 
 /// Bit of the base mode of an armed vehicle.
+const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+
 /// Standard deviation of a position [m] beyond which it is no estimate.
 const MOST_SIGMA_M: f64 = 1e6;
-
-const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 
 /// What a message of an autopilot means; `None` for one that means nothing here.
 #[must_use]

@@ -99,8 +99,8 @@ pub struct VehicleControl {
     to_start_s: Option<f64>,
     /// When it was ordered to return [s].
     returns_s: Option<f64>,
-    /// The orders of which it was said that it refuses them.
-    said_refused: Vec<Order>,
+    /// The commands of which it was said that it refuses them.
+    said_refused: Vec<u16>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
     is_lost: bool,
@@ -270,9 +270,9 @@ impl VehicleControl {
             Order::Return => Some(["to return", "and gets no heartbeats after half a minute"]),
             _ => None,
         };
-        let is_new = !self.said_refused.contains(&order);
+        let is_new = !self.said_refused.contains(&command);
         if let Some([what, how_long]) = refused.filter(|_| is_new) {
-            self.said_refused.push(order);
+            self.said_refused.push(command);
             self.said.say(format!("refuses {what}: MAVLink result {result}; it is asked again {how_long}"));
         }
         match order {

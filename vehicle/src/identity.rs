@@ -14,6 +14,9 @@ const LISTEN_S: f64 = 4.0;
 /// How long a vehicle keeps its address against a second sender of its system [s].
 const KEEPS_ADDRESS_S: f64 = 2.0;
 
+/// How late messages of an address that is not used any more may come [s].
+const REORDERED_S: f64 = 0.5;
+
 /// How long a restarted bridge waits for a vehicle where it was [s].
 const EXPECTED_S: f64 = 10.0;
 
@@ -61,8 +64,9 @@ struct Heard {
     address: Option<SocketAddr>,
     /// When it was heard from that address [s].
     heard_s: f64,
-    /// Another address that has sent for its system, and whether the first has sent since.
+    /// Another address that has sent for its system, when it did so first [s], and whether the first has sent since.
     second: Option<SocketAddr>,
+    second_s: f64,
     is_beside: bool,
     /// Its last position, and when that was heard [s].
     fix: Option<(Fix, f64)>,
@@ -114,6 +118,7 @@ impl Vehicles {
             address,
             heard_s: now_s,
             second: None,
+            second_s: 0.0,
             is_beside: false,
             fix: None,
             is_fixed: false,
@@ -137,13 +142,15 @@ impl Vehicles {
         let Some(heard) = self.heard.get_mut(&system) else { return Sender::Unknown };
         if heard.address == from {
             heard.heard_s = now_s;
-            heard.is_beside = heard.second.is_some();
+            heard.is_beside |= heard.second.is_some() && now_s - heard.second_s >= REORDERED_S;
             return Sender::Known;
         }
         // One that has spoken beside the vehicle is not the vehicle, now or later.
         let is_beside = heard.is_beside && from.is_some() && heard.second == from;
         if now_s - heard.heard_s < KEEPS_ADDRESS_S || is_beside {
-            heard.second = heard.second.or(from);
+            if heard.second.is_none() {
+                (heard.second, heard.second_s) = (from, now_s);
+            }
             return Sender::Second;
         }
         if let Some((last, last_s)) = &heard.fix
@@ -155,6 +162,7 @@ impl Vehicles {
         heard.address = from;
         heard.heard_s = now_s;
         heard.second = heard.second.filter(|second| Some(*second) != from);
+        heard.is_beside &= heard.second.is_some();
         Sender::Moved
     }
 
@@ -353,7 +361,9 @@ mod tests {
         let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
         assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
         assert_eq!(one.clone().hear(1, address(9), None, 3.0), Sender::Moved, "it was silent from then on");
-        assert_eq!(one.hear(1, address(1), None, 3.0), Sender::Known);
+        assert_eq!(one.hear(1, address(1), None, 3.3), Sender::Known);
+        assert_eq!(one.clone().hear(1, address(9), None, 5.3), Sender::Moved, "that one came late");
+        assert_eq!(one.hear(1, address(1), None, 3.5), Sender::Known);
         assert_eq!(one.hear(1, address(9), None, 60.0), Sender::Second, "it was beside the vehicle");
         assert_eq!(one.hear(1, address(8), None, 61.0), Sender::Moved);
         assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(8), false));

@@ -20,6 +20,7 @@ use skysink_ring::topics::{Ring, boot_ns, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
 use crate::bridge::{Bridge, VehicleRefusal, start};
+use crate::control::Fate;
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
@@ -289,7 +290,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// As [`poll`](Self::poll), and saves which missions have ended before the last slot.
     fn poll_in_mission(&mut self) -> Result<(), NodeError> {
         let polled = self.poll();
-        self.saved.save_ended(self.bridge.fates());
+        // A vehicle that does not begin may begin when the run is resumed.
+        let has_begun = self.bridge.has_begun();
+        let is_kept = |fate: &Fate| has_begun || *fate != Fate::Ended;
+        self.saved.save_ended(self.bridge.fates().map(|fate| if is_kept(&fate) { fate } else { Fate::Open }));
         polled
     }
 

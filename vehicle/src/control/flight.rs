@@ -57,7 +57,8 @@ impl VehicleControl {
         }
         let climbs_s = *self.climbs_s.get_or_insert(now_s);
         if now_s - climbs_s > CLIMB_S {
-            if self.vehicle.is_in_air() {
+            let is_known = self.vehicle.has_current_fix(now_s) && !self.is_lost && !self.vehicle.is_in_doubt();
+            if self.vehicle.is_in_air() || !is_known {
                 self.return_home(&format!("it does not reach its altitude within {CLIMB_S} s"), now_s);
             } else {
                 let why = format!("it does not take off within {CLIMB_S} s");
@@ -197,6 +198,9 @@ impl VehicleControl {
             self.said.say("has landed".to_owned());
             self.land("it has landed");
             return;
+        }
+        if self.vehicle.is_armed() == Some(false) && self.vehicle.says_disarmed() {
+            return; // PX4 changes its mode when it disarms
         }
         if self.end_if_taken_over() {
             return;

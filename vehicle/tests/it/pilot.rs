@@ -94,6 +94,34 @@ fn late_copies_of_a_heartbeat_from_before_take_off_end_no_mission() {
 }
 
 #[test]
+fn a_landing_with_which_the_mode_changes_is_no_takeover() {
+    let mut flight = hovering(AutopilotKind::Px4);
+    flight.heartbeat_s = 0.2;
+    let now_s = flight.now_s;
+    flight.bridge.return_home("the mission is over", now_s);
+    flight.until(120.0, |flight| !flight.copter.is_armed);
+    flight.copter.mode = CopterMode::Guided; // Hold, as before the return
+    flight.until(10.0, |flight| flight.bridge.has_landed());
+    assert_eq!([count(&flight, "is taken over"), count(&flight, "has landed")], [0, 1], "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_that_is_silent_after_take_off_is_not_taken_for_one_on_the_ground() {
+    let mut flight = flight_over(AutopilotKind::ArduPilot);
+    flight.until(60.0, |flight| flight.take_offs > 0);
+    flight.is_bridge_alive = false; // it hears nothing
+    for _ in 0..130 {
+        flight.advance(1.0);
+        let now_s = flight.now_s;
+        let _ = flight.bridge.poll(now_s, |_, _| {}, |_, _| {});
+    }
+    assert!(count(&flight, "stays on the ground") == 0 && !flight.bridge.has_landed(), "{:?}", flight.said);
+    flight.is_bridge_alive = true;
+    flight.until(120.0, |flight| flight.bridge.has_landed());
+    assert_eq!(count(&flight, "has landed"), 1, "its dead-man switch has brought it home: {:?}", flight.said);
+}
+
+#[test]
 fn a_vehicle_that_refuses_to_return_is_left_to_its_dead_man_switch() {
     let mut flight = hovering(AutopilotKind::ArduPilot);
     flight.refused = Order::Return.command();
