@@ -78,7 +78,7 @@ fn processes_end_after_their_launcher_though_one_died_while_it_created_memory() 
             File::options().write(true).create_new(true).mode(0o200).open(&path).unwrap(); // its size is not set yet
         }
     }
-    others.map(until_exited);
+    others.into_iter().for_each(until_exited);
 }
 
 #[test]
