@@ -107,15 +107,15 @@ impl Link {
         for (uav, route) in self.routes.iter_mut().enumerate() {
             let vehicles = &mut self.connections[route.connection].vehicles;
             let away = |fix: &Fix| away(uav, fix);
-            let is_ended = is_committed(uav);
+            let is_committed = is_committed(uav);
             let checked = match route.system {
                 None => route.choose(vehicles, now_s, away).map(|first| {
-                    if !is_ended {
+                    if !is_committed {
                         let times = if route.named.is_some() { 1 } else { 2 };
                         self.first.extend(first.iter().flat_map(|first| vec![(uav, first.clone()); times]));
                     }
                 }),
-                Some(system) if !is_ended => {
+                Some(system) if !is_committed => {
                     let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
                     alone.and_then(|()| vehicles.check(system, route.named.is_some()))
                 }
@@ -125,7 +125,7 @@ impl Link {
                 }
             };
             // One that has ended its mission before is only listened to; the others are chosen all the same.
-            if !is_ended {
+            if !is_committed {
                 chosen = chosen.and(checked.map_err(|why| (uav, why)));
             }
         }
@@ -152,9 +152,8 @@ impl Link {
         route.system.is_none().then(|| &self.connections[route.connection].address)
     }
 
-    /// Names the vehicles that the bridge before has chosen, and, which is the second of each, armed: they are no others. They
-    /// get heartbeats where it has heard them, before they are
-    /// heard again.
+    /// Names the vehicles that the bridge before has chosen, each with whether it was armed: those that were are no others.
+    /// They get heartbeats where that bridge has heard them, before they are heard again.
     pub fn name(&mut self, chosen: impl Iterator<Item = (Option<ChosenVehicle>, bool)>) {
         for (route, (vehicle, was_armed)) in self.routes.iter_mut().zip(chosen) {
             route.named = route.named.or(vehicle.filter(|_| was_armed).map(|vehicle| vehicle.system));
