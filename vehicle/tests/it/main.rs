@@ -1,5 +1,6 @@
 //! The bridge and kinematic vehicles, without sockets, clocks and processes.
 
+mod doubts;
 mod fleets;
 mod flight;
 mod missions;
