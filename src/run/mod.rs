@@ -88,6 +88,10 @@ impl RunCommand {
                     Registered::of(scenario)?;
                 }
                 check_vehicle(&options.run_mode(None))?;
+                #[cfg(feature = "mavlink")]
+                if options.vehicle.as_ref().and_then(commands::VehicleOption::addresses).is_some() {
+                    skysink_vehicle::apart::check_starts(scenario)?;
+                }
                 let NewFolder { out, .. } = &self.mission.folder;
                 let earlier = self.mission.folder.earlier();
                 RunFolder::create(out.as_deref(), earlier, scenario, &list, &options.run_mode(None))?

@@ -2,6 +2,7 @@
 //!
 //! [`bridge`] and [`control`] decide, [`link`], [`codec`] and [`wire`] know MAVLink, [`node`] knows iceoryx2.
 
+pub mod apart;
 pub mod autopilot;
 pub mod bridge;
 pub mod codec;

@@ -19,6 +19,7 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, boot_ns, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
+use crate::apart;
 use crate::bridge::{Bridge, VehicleRefusal, start};
 use crate::control::Fate;
 use crate::frame::AreaFrame;
@@ -56,9 +57,6 @@ const SETTLED: Duration = Duration::from_millis(300);
 
 /// Time that the vehicles wait at least for the first plan, of the clock of this machine: its processes need time to start.
 const FIRST_PATIENCE: Duration = Duration::from_secs(10);
-
-/// Least distance between the starts of two vehicles [m].
-const STARTS_APART_M: f64 = 5.0;
 
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
 const HEARTBEAT_S: f64 = 0.25;
@@ -148,8 +146,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let origin = origin.ok_or_else(|| refuse("expected a scenario with area.origin_lat_deg and origin_lon_deg"))?;
         check_addresses(addresses, uavs).map_err(|message| refuse(&message))?;
         let (last, reports) = flown.last().expect("at least slot 0");
-        if ring.restarts == 0 {
-            check_apart(scenario, *last, reports)?;
+        match (ring.restarts, *last) {
+            (0, 0) => apart::check_starts(scenario)?,
+            (0, slot) => apart::check_resumed(scenario, slot, reports)?,
+            _ => {}
         }
         let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
@@ -464,27 +464,6 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 Role::FlightSim.log(format_args!("vehicle {number}: waited {seconds:.0} s for it {missing}"));
             }
         }
-    }
-}
-
-/// Checks that the vehicles of a fleet climb, and hover, apart: at their starts or, in a run that is resumed, where they
-/// were after its last `slot`.
-fn check_apart(scenario: &Scenario, slot: u64, reports: &[FlightReport]) -> Result<(), InputError> {
-    let apart_m = scenario.uav.separation_m.unwrap_or(0.0).max(STARTS_APART_M);
-    let flies = |report: &&FlightReport| ![Mode::Down, Mode::Return].contains(&report.flown_mode());
-    let places: Vec<_> = reports.iter().filter(flies).map(|report| report.position().xy()).collect();
-    let is_near = |uav: usize| places[..uav].iter().any(|other| (places[uav] - other).norm() < apart_m);
-    match (1..places.len()).find(|&uav| is_near(uav)) {
-        Some(uav) if slot == 0 => {
-            let expected = format!("starts at least {apart_m} m apart, for vehicles");
-            Err(scenario.refusal("uav.starts_m", &vec![places[uav].x, places[uav].y].into(), &expected))
-        }
-        Some(uav) => {
-            let at = format!("{}, {}", places[uav].x, places[uav].y);
-            let expected = format!("vehicles at least {apart_m} m apart, where they begin after slot {slot}");
-            Err(InputError::of_argument("vehicle", &at, expected))
-        }
-        None => Ok(()),
     }
 }
 

@@ -57,6 +57,7 @@ impl FromStr for WireAddress {
             let schemes = "expected udpin, udpout, udpbcast, tcpin or tcpout with :HOST:PORT, or serial:DEVICE:BAUD";
             return Err(schemes.to_owned());
         }
+        check_number(endpoint)?;
         let [text, endpoint] = [text, endpoint].map(str::to_owned);
         let mut address = Self { text, endpoint, system: None, own_system: 255, own_component: 190 };
         let mut keys = Vec::new();
@@ -80,6 +81,16 @@ impl FromStr for WireAddress {
             return Err(format!("system={}: expected another than own_system", address.own_system));
         }
         Ok(address)
+    }
+}
+
+/// Checks the last part of an endpoint: the port, or the rate of a serial device.
+fn check_number(endpoint: &str) -> Result<(), String> {
+    let number = endpoint.rsplit(':').next().unwrap_or_default();
+    let (what, greatest) = if endpoint.starts_with("serial:") { ("rate", u32::MAX) } else { ("port", u16::MAX.into()) };
+    match number.parse() {
+        Ok(1_u32..) if number.parse() <= Ok(greatest) => Ok(()),
+        _ => Err(format!("{number}: expected a {what} from 1 to {greatest}")),
     }
 }
 
@@ -345,6 +356,9 @@ mod tests {
                 "expected udpin:0.0.0.0:14550 to listen there for the vehicle, or udpout:0.0.0.0:14550",
             ),
             ("udp://:14540", "expected udpin:0.0.0.0:14540 to listen"),
+            ("udpin:0.0.0.0:99999", "99999: expected a port from 1 to 65535"),
+            ("tcpout:drone:0", "0: expected a port from 1 to 65535"),
+            ("serial:/dev/ttyUSB0:fast?system=1", "fast: expected a rate from 1 to 4294967295"),
             ("tcp:drone:5760?system=1", "expected tcpout:drone:5760 to connect to the vehicle, or tcpin:drone:5760"),
         ] {
             let refusal = address.parse::<WireAddress>().unwrap_err();
