@@ -88,10 +88,8 @@ impl FromStr for WireAddress {
 fn check_number(endpoint: &str) -> Result<(), String> {
     let number = endpoint.rsplit(':').next().unwrap_or_default();
     let (what, greatest) = if endpoint.starts_with("serial:") { ("rate", u32::MAX) } else { ("port", u16::MAX.into()) };
-    match number.parse() {
-        Ok(1_u32..) if number.parse() <= Ok(greatest) => Ok(()),
-        _ => Err(format!("{number}: expected a {what} from 1 to {greatest}")),
-    }
+    let is_valid = number.parse().is_ok_and(|number| (1..=greatest).contains(&number));
+    if is_valid { Ok(()) } else { Err(format!("{number}: expected a {what} from 1 to {greatest}")) }
 }
 
 /// Checks that vehicles at these addresses can be the `uavs` UAVs of a scenario.
