@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, Mode, Plan, SlotHeader, Tick};
+use skysink_common::message::{FlightReport, Plan, SlotHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
