@@ -139,6 +139,15 @@ mod tests {
     }
 
     #[test]
+    fn a_visit_costs_a_wake_up_and_the_part_of_a_slot_in_which_it_sends() {
+        let costs = GapCosts { wake: 2.0, send: 3.0, ..GapCosts::new(&AGES, 1.0, None) };
+        let energies = [0.0, 5.0, 10.0, 20.0].map(|stored| costs.of_visit(stored, 10.0));
+        assert_eq!(energies, [2.0, 3.5, 5.0, 5.0]);
+        let neither_sends = [GapCosts { send: 0.0, ..costs }.of_visit(5.0, 10.0), costs.of_visit(0.0, 0.0)];
+        assert_eq!(neither_sends, [2.0; 2]);
+    }
+
+    #[test]
     fn the_bound_of_a_cycle_is_its_mean_age() {
         // 12 sensors, 3 served in a slot, in turns: after the first round the mean age is (4 − 1)/2.
         let costs = GapCosts::new(&AGES, 1.0, None);

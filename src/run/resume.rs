@@ -167,10 +167,10 @@ fn leave_ended(run: &RunFolder, flights: &mut [FlightReport]) -> Result<(), Inpu
     use skysink_vehicle::control::Fate;
     for (flight, fate) in flights.iter_mut().zip(skysink_vehicle::saved::ended_in(run.path())?) {
         let mode = match fate {
-            Fate::Open | Fate::Returns => continue,
+            Fate::Open => continue,
             Fate::Ended => Mode::Down,
-            Fate::Left | Fate::Abandoned if flight.flown_mode() == Mode::Down => Mode::Down,
-            Fate::Left | Fate::Abandoned => Mode::Return,
+            _ if flight.flown_mode() == Mode::Down => Mode::Down,
+            Fate::Returns | Fate::Left | Fate::Abandoned => Mode::Return,
         };
         let FlightReport { served, links, .. } = FlightReport::at(flight.position(), mode);
         *flight = FlightReport { mode: mode as u32, served, links, ..*flight };

@@ -215,7 +215,7 @@ impl Bridge {
     pub fn go_on(&mut self, histories: impl Iterator<Item = History>, slot: u64, reports: &[FlightReport]) {
         let histories = histories.map(Some).chain(std::iter::repeat(None));
         for ((member, report), history) in self.members.iter_mut().zip(reports).zip(histories) {
-            let is_new_run = slot == 0 && history.is_some();
+            let is_new_run = slot == 0; // what a bridge arms, it saves before
             let says_ended = report.flown_mode() == Mode::Return;
             member.control.go_on(history.unwrap_or_default(), says_ended, is_new_run);
         }
@@ -243,6 +243,7 @@ impl Bridge {
     pub fn refuse(&mut self, uav: usize, why: String, now_s: f64) -> Result<(), VehicleRefusal> {
         let mut others = self.members.iter().enumerate().filter(|(other, _)| *other != uav);
         if !others.any(|(_, other)| other.control.is_committed()) {
+            self.members[uav].control.refuse(&why, now_s); // it gets no order to return either
             return Err(VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) });
         }
         self.members[uav].control.refuse(&why, now_s);

@@ -367,6 +367,8 @@ impl VehicleControl {
     /// Ends the orders if somebody else flies the vehicle. Returns whether.
     fn end_if_taken_over(&mut self) -> bool {
         let why = self.takeover.check(&self.vehicle);
+        let is_armed_again = self.phase == Phase::TakeOff && self.vehicle.is_armed_again();
+        let why = why.or_else(|| is_armed_again.then(|| "somebody else has armed it".to_owned()));
         if let Some(why) = &why {
             self.give_up(why);
         }

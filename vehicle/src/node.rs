@@ -21,7 +21,7 @@ use skysink_ring::wait::WaitContext;
 
 use crate::apart;
 use crate::bridge::{Bridge, VehicleRefusal, start};
-use crate::control::Fate;
+use crate::control::{Fate, VehicleControl};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
@@ -90,7 +90,11 @@ pub fn run<S: Service + 'static>(
     if let Err(NodeError::Stopped(_)) = &result {
         process.say_awaited();
     }
+    // A vehicle that returns because of this flies again when the run is resumed; one that was off or returned before does not.
+    let has_ended = |control: &VehicleControl| control.says_off() || control.fate() == Fate::Returns;
+    let ended: Vec<bool> = (0..process.bridge.uavs()).map(|uav| has_ended(process.bridge.control(uav))).collect();
     process.return_home(why, timeout);
+    process.save_ended(|uav, _| ended[uav]);
     result
 }
 
@@ -290,11 +294,17 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// As [`poll`](Self::poll), and saves which missions have ended before the last slot.
     fn poll_in_mission(&mut self) -> Result<(), NodeError> {
         let polled = self.poll();
-        // A vehicle that does not begin may begin when the run is resumed.
-        let has_begun = self.bridge.has_begun();
-        let is_kept = |fate: &Fate| has_begun || *fate != Fate::Ended;
-        self.saved.save_ended(self.bridge.fates().map(|fate| if is_kept(&fate) { fate } else { Fate::Open }));
+        self.save_ended(|_, fate| matches!(fate, Fate::Ended | Fate::Returns));
         polled
+    }
+
+    /// Saves which vehicles were taken over or given up, and which have ended as `is_end` says, by number from 0. One that
+    /// does not begin may begin when the run is resumed.
+    fn save_ended(&mut self, is_end: impl Fn(usize, Fate) -> bool) {
+        let has_begun = self.bridge.has_begun();
+        let is_kept = |uav, fate| matches!(fate, Fate::Left | Fate::Abandoned) || has_begun && is_end(uav, fate);
+        let fates = self.bridge.fates().enumerate();
+        self.saved.save_ended(fates.map(|(uav, fate)| if is_kept(uav, fate) { fate } else { Fate::Open }));
     }
 
     /// When `slot` has begun, on the monotonic clock [ns]; `None` if it has not.

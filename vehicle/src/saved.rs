@@ -76,7 +76,8 @@ impl SavedVehicles {
             }
         }
         let has_chosen_before = vehicles.iter().any(|vehicle| vehicle.chosen.is_some());
-        let (run, ended) = (record_path(folder), Vec::new());
+        let run = record_path(folder);
+        let ended = run.as_deref().and_then(|run| ended_in(run).ok()).unwrap_or_default();
         Self { folder: folder.to_owned(), run, ended, vehicles, has_chosen_before, taken_over, said: Vec::new() }
     }
 
@@ -109,13 +110,17 @@ impl SavedVehicles {
         }
     }
 
-    /// Saves in the folder of the run which missions have ended before the last slot.
+    /// Saves in the folder of the run which missions have ended before the last slot: none that has ended begins again.
     pub fn save_ended(&mut self, fates: impl Iterator<Item = Fate>) {
-        let fates: Vec<Fate> = fates.collect();
-        let has_ended = |fate: &Fate| matches!(fate, Fate::Ended | Fate::Left | Fate::Abandoned);
+        let mut fates: Vec<Fate> = fates.collect();
+        for (now, before) in fates.iter_mut().zip(&self.ended) {
+            if *now == Fate::Open && *before != Fate::Returns {
+                *now = *before;
+            }
+        }
         if let Some(run) = &self.run
             && fates != self.ended
-            && fates.iter().any(has_ended)
+            && fates.iter().any(|fate| *fate != Fate::Open)
             && self.write(&run.join(ENDED), &fates, ": --resume would fly its vehicles again")
         {
             self.ended = fates;
@@ -181,6 +186,24 @@ mod tests {
         assert!(!lost.save(vehicles.clone()) && !lost.save(vehicles.clone()));
         std::fs::create_dir(folder.path().join("none")).unwrap();
         assert!(lost.save(vehicles));
+    }
+
+    #[test]
+    fn what_has_ended_in_a_run_stays_so_in_its_folder() {
+        let [ring, run] = [0; 2].map(|_| tempfile::tempdir().unwrap());
+        std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
+        let saved_by = |bridges: &[[Fate; 3]]| {
+            let mut saved = SavedVehicles::of(ring.path(), false, 3);
+            bridges.iter().for_each(|fates| saved.save_ended(fates.iter().copied()));
+            ended_in(run.path()).unwrap()
+        };
+        assert_eq!(saved_by(&[[Fate::Open; 3]]), []);
+        assert_eq!(saved_by(&[[Fate::Returns, Fate::Open, Fate::Open]]), [Fate::Returns, Fate::Open, Fate::Open]);
+        assert_eq!(saved_by(&[[Fate::Ended, Fate::Left, Fate::Open]]), [Fate::Ended, Fate::Left, Fate::Open]);
+        // A run that is resumed does not know them as well.
+        let next = [[Fate::Open, Fate::Abandoned, Fate::Open], [Fate::Open, Fate::Open, Fate::Returns]];
+        assert_eq!(saved_by(&next), [Fate::Ended, Fate::Abandoned, Fate::Returns]);
+        assert_eq!(saved_by(&[[Fate::Open, Fate::Open, Fate::Ended]]), [Fate::Ended, Fate::Abandoned, Fate::Ended]);
     }
 
     #[test]

@@ -47,6 +47,9 @@ const STANDS_S: f64 = 5.0;
 /// Time after which a vehicle that says that it is disarmed is believed [s].
 const DOWN_S: f64 = 1.5;
 
+/// Time after which one that says so, and then that it is armed, was armed again [s]. Heartbeats that come late come at once.
+const OFF_S: f64 = 0.3;
+
 /// A state that is believed when two reports in a row agree on it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Confirmed<T> {
@@ -80,6 +83,9 @@ pub struct VehicleState {
     is_armed: Confirmed<bool>,
     /// Since when it says that it is disarmed [s].
     disarmed_s: Option<f64>,
+    /// Whether it has said so on the ground, for longer than heartbeats that come late at once, since they were counted
+    /// anew.
+    was_off: bool,
     is_booting: bool,
     /// Whether a report of the mode has come since the last poll.
     has_new_mode: bool,
@@ -110,6 +116,8 @@ impl VehicleState {
                 self.is_armed.hear(is_armed);
                 self.disarmed_reports = if is_armed { 0 } else { self.disarmed_reports.saturating_add(1) };
                 self.disarmed_s = (!is_armed).then(|| self.disarmed_s.unwrap_or(now_s));
+                let is_off = self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= OFF_S);
+                self.was_off |= is_off && self.disarmed_reports >= 2 && !self.is_high();
                 self.has_new_heartbeat = true;
                 self.hear_mode(mode);
             }
@@ -213,6 +221,7 @@ impl VehicleState {
     /// Counts anew the heartbeats that say it is disarmed.
     pub fn recount_disarmed(&mut self) {
         self.disarmed_reports = 0;
+        self.was_off = false;
     }
 
     /// Whether two heartbeats in a row, since they were counted anew, say that it is disarmed.
@@ -237,6 +246,16 @@ impl VehicleState {
             may_stand && says_so_for(STANDS_S)
         };
         self.is_armed.believed == Some(false) && self.says_disarmed() && says_so_for(DOWN_S) && (is_low || stands())
+    }
+
+    /// Whether its last heartbeat says that it is disarmed.
+    pub fn says_off(&self) -> bool {
+        self.disarmed_s.is_some()
+    }
+
+    /// Whether it was off on the ground since its heartbeats were counted anew, and is armed again.
+    pub fn is_armed_again(&self) -> bool {
+        self.was_off && self.may_be_armed()
     }
 
     /// Its last position.

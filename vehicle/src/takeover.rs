@@ -156,6 +156,8 @@ impl Takeover {
             }
             Explained::Following(own) => is_following || autopilot == AutopilotKind::Other && mode == own,
             Explained::Returning { own, seen } => {
+                let own = own.or(Some(mode)); // before the order can have had an effect
+                self.modes = Explained::Returning { own, seen };
                 let (is_return, is_before) = match autopilot {
                     AutopilotKind::Other => (seen.is_none_or(|seen| seen == mode), own == Some(mode)),
                     _ => (meaning == ModeMeaning::Returns, is_following),

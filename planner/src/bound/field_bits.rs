@@ -150,18 +150,20 @@ mod tests {
 
     #[test]
     fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_the_start() {
-        // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2).
-        let sensor = SensorBits {
-            sampler: Sampler { mean_bits: 2.5, capacity_bits: 4, lasting_slots: f64::INFINITY },
-            drawn_bits: None,
-            queue_bits: 3,
-            first_slot: Some(1),
-        };
-        assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.overflow_bits(None, slot)), [1, 4, 6, 9, 11]);
-        assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.lost_bits(None, slot)), [1, 3, 2, 3, 2]);
-        // Since slot 2: 2, 5 and 7 bit.
-        assert_eq!([3, 4, 5].map(|slot| sensor.overflow_bits(Some(2), slot)), [0, 1, 3]);
-        assert_eq!([3, 4, 5].map(|slot| sensor.lost_bits(Some(2), slot)), [0, 1, 2]);
+        // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2), or as many that are drawn.
+        for drawn_bits in [None, Some(vec![0, 2, 5, 7, 10, 12])] {
+            let sensor = SensorBits {
+                sampler: Sampler { mean_bits: 2.5, capacity_bits: 4, lasting_slots: f64::INFINITY },
+                drawn_bits,
+                queue_bits: 3,
+                first_slot: Some(1),
+            };
+            assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.overflow_bits(None, slot)), [1, 4, 6, 9, 11]);
+            assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.lost_bits(None, slot)), [1, 3, 2, 3, 2]);
+            // Since slot 2: 2, 5 and 7 bit.
+            assert_eq!([3, 4, 5].map(|slot| sensor.overflow_bits(Some(2), slot)), [0, 1, 3]);
+            assert_eq!([3, 4, 5].map(|slot| sensor.lost_bits(Some(2), slot)), [0, 1, 2]);
+        }
     }
 
     #[test]

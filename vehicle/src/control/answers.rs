@@ -83,6 +83,11 @@ impl VehicleControl {
         }
     }
 
+    /// Whether it was armed, and says that it is not any more, believed or not.
+    pub fn says_off(&self) -> bool {
+        self.is_committed() && self.vehicle.says_off()
+    }
+
     /// Whether others have taken it over while this bridge flew it.
     pub fn is_taken_over(&self) -> bool {
         self.phase == Phase::TakenOver && !self.is_left

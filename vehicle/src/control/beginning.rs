@@ -41,7 +41,7 @@ impl VehicleControl {
         self.is_left = true;
         self.is_abandoned = is_abandoned;
         self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
-        self.give_up("it was, or has returned, before this bridge began");
+        self.give_up("it was taken over, or has returned, before this bridge began");
     }
 
     /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
@@ -101,13 +101,16 @@ impl VehicleControl {
 
     /// Checks whether the vehicle may take off, or is in the air already.
     pub(super) fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        if self.awaited_return.is_some() && self.vehicle.has_disarmed(now_s) {
+        let stands = self.has_current_position(now_s) && !self.vehicle.is_high();
+        let is_down = self.vehicle.is_armed() == Some(false) && (stands || self.vehicle.has_disarmed(now_s));
+        if self.awaited_return.is_some() && is_down {
             self.takeover.note_disarmed();
             let why = self.awaited_return.take().unwrap_or_default();
             self.land(&why);
             return Ok(());
         }
-        if self.is_left_in_air(ModeMeaning::FollowsOrders) && self.end_in_air(now_s) {
+        let may_fly = self.is_left_in_air(ModeMeaning::FollowsOrders) || self.is_left_unseen(now_s);
+        if may_fly && self.end_in_air(now_s) {
             return Ok(());
         }
         self.has_seen_return |= self.is_left_in_air(ModeMeaning::Returns);
@@ -121,6 +124,7 @@ impl VehicleControl {
         match clearance {
             Clearance::Wait(missing) => self.await_missing(missing, now_s),
             Clearance::GiveUp(why) => self.give_up(&why),
+            Clearance::Arm if self.awaited_return.is_some() => {} // until it is known to be down
             Clearance::Arm => {
                 if !std::mem::replace(&mut self.has_said_checked, true) {
                     self.say_findings();
@@ -137,6 +141,7 @@ impl VehicleControl {
                 let is_low =
                     self.vehicle.fix().is_some_and(|fix| fix.above_home_m < self.assignment.start.z - CLIMBED_M);
                 if self.assignment.beginning == (Beginning::Restarted { in_mission: false }) && is_low {
+                    self.vehicle.recount_disarmed();
                     self.phase = Phase::TakeOff; // which goes on
                 } else {
                     self.fly(now_s);
@@ -191,9 +196,18 @@ impl VehicleControl {
 
     /// Whether a vehicle that is not checked yet is in the air, in such a mode, and may be that of an earlier bridge.
     fn is_left_in_air(&self, meaning: ModeMeaning) -> bool {
+        self.may_be_left(meaning) && self.vehicle.is_in_air()
+    }
+
+    /// Whether one that is armed, and does not say where it is, may be.
+    fn is_left_unseen(&self, now_s: f64) -> bool {
+        let is_unseen = self.vehicle.is_armed() == Some(true) && !self.has_current_position(now_s);
+        is_unseen && self.may_be_left(ModeMeaning::FollowsOrders)
+    }
+
+    fn may_be_left(&self, meaning: ModeMeaning) -> bool {
         let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
-        let may_be_ours = is_left && !self.assignment.is_unarmed;
-        may_be_ours && self.vehicle.is_in_air() && self.vehicle.meaning() == meaning
+        is_left && !self.assignment.is_unarmed && self.vehicle.meaning() == meaning
     }
 
     /// Whether it is where an earlier bridge has left it, too.

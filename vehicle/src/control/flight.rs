@@ -22,6 +22,7 @@ impl VehicleControl {
         let must_change = guided.filter(|&mode| self.vehicle.mode() != Some(mode));
         if self.vehicle.is_armed() == Some(true) && must_change.is_none() {
             self.outbox.clear();
+            self.vehicle.recount_disarmed(); // it may have taken some time to arm
             self.phase = Phase::TakeOff;
             self.retry_s = now_s;
             return;
@@ -149,11 +150,21 @@ impl VehicleControl {
 
     /// Leaves the vehicle to whoever flies it.
     pub(super) fn give_up(&mut self, why: &str) {
-        self.said.say(format!(
-            "is taken over: {why}. The bridge gives it no more orders in this run, which goes on until it has landed; \
-             Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
-        ));
-        self.note_end(&format!("it was taken over: {why}"));
+        let (line, end) = if self.is_left {
+            (format!("is left alone: {why}"), why.to_owned())
+        } else if self.is_abandoned {
+            let line =
+                format!("is left to its dead-man switch: {why}. The bridge gives it no orders and no heartbeats");
+            (line, format!("it was left to its dead-man switch: {why}"))
+        } else {
+            let line = format!(
+                "is taken over: {why}. The bridge gives it no more orders in this run, which goes on until it has \
+                 landed; Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
+            );
+            (line, format!("it was taken over: {why}"))
+        };
+        self.said.say(line);
+        self.note_end(&end);
         self.vehicle.recount_disarmed(); // it may have been armed since
         self.outbox.clear();
         self.phase = Phase::TakenOver;

@@ -6,3 +6,4 @@ mod flight;
 mod missions;
 mod pilot;
 mod restarts;
+mod stops;

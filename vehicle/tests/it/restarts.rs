@@ -65,7 +65,7 @@ fn a_vehicle_that_takes_off_by_an_order_of_the_bridge_before_is_left_to_its_dead
     flight.heartbeat_s = 0.2; // it is heard before it is in the air
     flight.advance(20.0);
     assert!(
-        flight.orders.is_empty() && count(&flight, "is taken over: it is armed on the ground") == 1,
+        flight.orders.is_empty() && count(&flight, "is left to its dead-man switch: it is armed on the ground") == 1,
         "{:?}",
         flight.said
     );
@@ -241,7 +241,7 @@ fn a_vehicle_in_the_air_is_adopted_after_the_checks_of_a_take_off() {
         let is_adopted = count(&flight, "is in the air: flying on") == 1;
         let returns = flight.orders.iter().all(|(_, order)| *order == Order::Return);
         assert!(is_adopted || returns, "{:?}", flight.orders);
-        let ends = ["is taken over", "returns: "].map(|words| count(&flight, words) == 1);
+        let ends = ["is left to its dead-man switch", "returns: "].map(|words| count(&flight, words) == 1);
         (is_adopted, is_refused, ends)
     };
     for (battery, dead_man, away_m) in [(0.04, 1.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 30_000.0)] {
@@ -378,7 +378,10 @@ fn a_vehicle_in_the_air_that_does_not_pass_the_checks_returns() {
     flight.says_no_position = true;
     flight.advance(160.0);
     assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld, "{:?}", flight.said);
-    assert_eq!(count(&flight, "is taken over: the bridge has waited 150 s for it to know its position"), 1);
+    assert_eq!(
+        count(&flight, "is left to its dead-man switch: the bridge has waited 150 s for it to know its position"),
+        1
+    );
 }
 
 #[test]

@@ -1,0 +1,164 @@
+//! Stops, bridges that begin after them, and vehicles that are armed again: whom the bridge believes, and leaves alone.
+
+use skysink_common::message::SensorNode;
+use skysink_kinematic_vehicle::KinematicOptions;
+use skysink_kinematic_vehicle::autopilot::CopterMode;
+use skysink_vehicle::autopilot::AutopilotKind;
+use skysink_vehicle::bridge::Bridge;
+use skysink_vehicle::control::{Heartbeats, History};
+use skysink_vehicle::frame::AreaFrame;
+use skysink_vehicle::preflight::Beginning;
+use skysink_vehicle::saved::SavedVehicles;
+use skysink_vehicle::telemetry::{Order, Telemetry};
+
+use crate::flight::{ClosedLoop, HOME, RESTARTED, plan, scenario};
+use crate::pilot::{KINDS, count, flight_over, hovering};
+use crate::restarts::restarted;
+
+const BEFORE_SLOT: Beginning = Beginning::Restarted { in_mission: false };
+
+/// A bridge that begins so, with a vehicle on the ground that begins to speak after a second.
+fn begun_late(beginning: Beginning, history: Option<History>) -> ClosedLoop {
+    let options = KinematicOptions::default();
+    let reports = ClosedLoop::new(&options, 0.0).reports;
+    let mut flight = ClosedLoop::after(&scenario(""), &options, 0.0, reports.clone(), beginning);
+    if beginning == BEFORE_SLOT {
+        flight.bridge.go_on(history.into_iter(), 0, &reports);
+    }
+    flight
+}
+
+#[test]
+fn a_vehicle_that_is_first_heard_after_the_stop_is_not_armed() {
+    for autopilot in [AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other] {
+        for beginning in [Beginning::Resumed, BEFORE_SLOT] {
+            let mut flight = begun_late(beginning, Some(History { was_down: true, ..History::default() }));
+            flight.is_a(autopilot);
+            flight.condition = Some(if autopilot == AutopilotKind::Px4 { 0.0 } else { 255.0 });
+            flight.copter.boot_s = 100.0;
+            flight.bridge.return_home("the run is stopped", 0.0);
+            flight.advance(11.0);
+            assert!(flight.orders.is_empty(), "{autopilot:?}, {beginning:?}: {:?}, {:?}", flight.orders, flight.said);
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_that_has_come_home_meanwhile_has_landed() {
+    for beginning in [RESTARTED, BEFORE_SLOT] {
+        let mut before = hovering(AutopilotKind::ArduPilot);
+        let now_s = before.now_s;
+        before.bridge.return_home("its battery is low", now_s);
+        before.fly_slot(1, None);
+        before.until(150.0, |before| !before.copter.is_armed);
+        let mut flight = restarted(&before, beginning);
+        for _ in 0..1000 {
+            flight.step();
+            assert!(flight.bridge.taken_over().is_empty(), "{beginning:?}: {:?}", flight.said);
+        }
+        assert_eq!(count(&flight, "is taken over"), 0, "{:?}", flight.said);
+    }
+}
+
+#[test]
+fn a_bridge_after_one_that_saved_nothing_flies_nobody_in_the_air() {
+    let saved = SavedVehicles::of(tempfile::tempdir().unwrap().path(), true, 1);
+    let mut flight = begun_late(BEFORE_SLOT, saved.vehicles().first().map(|vehicle| vehicle.history));
+    flight.copter.take_off_by_hand(20.0);
+    flight.copter.body.position_m.z = 20.0;
+    flight.copter.mode = CopterMode::Guided; // by another ground station
+    flight.advance(20.0);
+    assert!(flight.orders.is_empty(), "{:?}, {:?}", flight.orders, flight.said);
+}
+
+#[test]
+fn an_unknown_autopilot_may_be_sent_home_in_its_climb() {
+    for is_refused_for_long in [true, false] {
+        let mut flight = flight_over(AutopilotKind::Other);
+        flight.until(60.0, |flight| flight.copter.body.position_m.z > 5.0);
+        flight.refused = Order::Return.command();
+        let now_s = flight.now_s;
+        flight.bridge.return_home("its battery is low", now_s);
+        flight.advance(if is_refused_for_long { 40.0 } else { 2.5 });
+        flight.refused = None;
+        if is_refused_for_long {
+            assert_eq!(flight.copter.mode, CopterMode::Guided);
+            assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld, "{:?}", flight.said);
+        } else {
+            flight.advance(20.0);
+            assert_eq!(flight.copter.mode, CopterMode::Return);
+            assert_eq!(count(&flight, "is taken over"), 0, "{:?}", flight.said);
+        }
+    }
+}
+
+#[test]
+fn the_only_vehicle_is_not_sent_home_if_it_may_be_another() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.dead_man = None; // the bridge waits for it
+    flight.advance(5.0);
+    let now_s = flight.now_s;
+    flight.bridge.refuse(0, "system 1 is heard from two".to_owned(), now_s).unwrap_err();
+    flight.bridge.return_home("the bridge ends, with the error that follows", now_s);
+    flight.advance(2.5);
+    assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+    assert_eq!(count(&flight, "is left to its dead-man switch: system 1 is heard from two"), 1, "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_left_by_an_earlier_bridge_that_does_not_say_where_it_is_gets_no_heartbeats_in_the_end() {
+    let reports = ClosedLoop::new(&KinematicOptions::default(), 0.0).reports;
+    let mut bridge =
+        Bridge::new(&scenario(""), &[SensorNode::default()], AreaFrame::at(HOME), &reports, RESTARTED, &[255]);
+    let mut heartbeats = Vec::new();
+    for tenth in 1..1600 {
+        let now_s = f64::from(tenth) / 10.0;
+        let autopilot = AutopilotKind::ArduPilot;
+        let heartbeat = Telemetry::Heartbeat { autopilot, mode: 4, is_armed: true, is_booting: false };
+        bridge.hear(0, &heartbeat, now_s);
+        bridge.poll(now_s, |_, _| {}, |_, _| {}).unwrap();
+        heartbeats.push(bridge.control(0).heartbeats(now_s));
+    }
+    assert_eq!((heartbeats[1000], heartbeats[1590]), (Heartbeats::Due, Heartbeats::Withheld));
+}
+
+#[test]
+fn a_vehicle_that_was_turned_off_and_armed_again_on_the_ground_is_not_taken_off() {
+    for autopilot in KINDS {
+        for (is_refused, off_s) in [(true, 0.6), (true, 1.4), (false, 0.6), (false, 1.0), (false, 1.4)] {
+            let mut flight = flight_over(autopilot);
+            flight.is_deaf = false; // 5 heartbeats a second
+            flight.refused = Some(22).filter(|_| is_refused);
+            flight.until(60.0, |flight| flight.take_offs > 0);
+            flight.says_on_ground_until_s = flight.now_s + if is_refused { 0.0 } else { 1.0 }; // its motors spool up
+            flight.advance(if is_refused { 1.0 } else { 0.2 });
+            flight.copter.disarm();
+            flight.advance(off_s);
+            flight.copter.is_armed = true; // by a pilot, or another ground station
+            flight.copter.boot_s -= 5.0;
+            flight.refused = None;
+            let take_offs = flight.take_offs;
+            flight.advance(10.0);
+            let what = format!("{autopilot:?}, refused {is_refused}, off for {off_s} s: {:?}", flight.said);
+            assert_eq!(flight.take_offs, take_offs, "{what}");
+            assert_eq!(count(&flight, "is taken over: somebody else has armed it"), 1, "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_that_takes_a_second_to_arm_is_not_taken_over() {
+    for autopilot in KINDS {
+        for is_deaf in [false, true] {
+            let mut flight = flight_over(autopilot);
+            flight.is_deaf = is_deaf;
+            flight.until(60.0, |flight| flight.copter.is_armed);
+            flight.copter.is_armed = false; // its answer is that it does
+            flight.advance(1.2);
+            flight.copter.is_armed = true;
+            flight.until(60.0, |flight| flight.bridge.has_begun());
+        }
+    }
+}
