@@ -393,7 +393,10 @@ pub fn invalid_addresses_are_refused_in_one_line() {
     );
     let near = flight.out("near").settings("uav.count=2 uav.starts_m=[[30.0,30.0],[33.0,30.0]]");
     let ended = near.vehicle("udpin:127.0.0.1:1").try_run().assert_code(2);
-    assert!(ended.stderr.contains("uav.starts_m=[[30.0, 30.0], [33.0, 30.0]]: expected starts at least 5 m apart"), "{ended:?}");
+    assert!(
+        ended.stderr.contains("uav.starts_m=[[30.0, 30.0], [33.0, 30.0]]: expected starts at least 5 m apart"),
+        "{ended:?}"
+    );
     assert!(!place.path("near").exists(), "a folder of a run that was refused");
     let flight = flight.out("none");
     let ended = flight.vehicle("udpin:14540").try_run().assert_code(2);
