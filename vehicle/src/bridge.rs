@@ -236,6 +236,11 @@ impl Bridge {
         self.members.iter().map(|member| member.control.fate())
     }
 
+    /// Whether each was armed, and is off though no return of it was seen.
+    pub fn are_off(&self) -> impl Iterator<Item = bool> {
+        self.members.iter().map(|member| member.control.says_off() && !member.control.history().has_seen_return)
+    }
+
     /// Flies without the vehicle of this number from 0, because of `why`.
     ///
     /// # Errors
@@ -243,7 +248,7 @@ impl Bridge {
     pub fn refuse(&mut self, uav: usize, why: String, now_s: f64) -> Result<(), VehicleRefusal> {
         let mut others = self.members.iter().enumerate().filter(|(other, _)| *other != uav);
         if !others.any(|(_, other)| other.control.is_committed()) {
-            self.members[uav].control.refuse(&why, now_s); // it gets no order to return either
+            self.members[uav].control.withhold(); // it gets no order to return either
             return Err(VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) });
         }
         self.members[uav].control.refuse(&why, now_s);

@@ -111,6 +111,8 @@ pub struct VehicleControl {
     has_ordered_arming: bool,
     /// Whether it is left alone because its mission was over before the bridge was restarted.
     is_left: bool,
+    /// Whether it may be another, so that it must not be flown.
+    is_refused: bool,
     /// Whether the bridge itself has given it up: nobody else is known to fly it.
     is_abandoned: bool,
     /// Where it was sent last [m].
@@ -161,6 +163,7 @@ impl VehicleControl {
             arming_s: f64::NEG_INFINITY,
             has_ordered_arming: false,
             is_left: false,
+            is_refused: false,
             is_abandoned: false,
             target: None,
             checked_since_s: None,
@@ -367,7 +370,8 @@ impl VehicleControl {
     /// Ends the orders if somebody else flies the vehicle. Returns whether.
     fn end_if_taken_over(&mut self) -> bool {
         let why = self.takeover.check(&self.vehicle);
-        let is_armed_again = self.phase == Phase::TakeOff && self.vehicle.is_armed_again();
+        let is_on_ground = matches!(self.phase, Phase::Arming | Phase::TakeOff) && self.takeover.has_armed();
+        let is_armed_again = is_on_ground && self.vehicle.is_armed_again();
         let why = why.or_else(|| is_armed_again.then(|| "somebody else has armed it".to_owned()));
         if let Some(why) = &why {
             self.give_up(why);

@@ -21,7 +21,7 @@ use skysink_ring::wait::WaitContext;
 
 use crate::apart;
 use crate::bridge::{Bridge, VehicleRefusal, start};
-use crate::control::{Fate, VehicleControl};
+use crate::control::Fate;
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
@@ -90,11 +90,13 @@ pub fn run<S: Service + 'static>(
     if let Err(NodeError::Stopped(_)) = &result {
         process.say_awaited();
     }
-    // A vehicle that returns because of this flies again when the run is resumed; one that was off or returned before does not.
-    let has_ended = |control: &VehicleControl| control.says_off() || control.fate() == Fate::Returns;
-    let ended: Vec<bool> = (0..process.bridge.uavs()).map(|uav| has_ended(process.bridge.control(uav))).collect();
+    // A vehicle that returns because of this flies again when the run is resumed; one that was off or returned does not.
+    let has_begun = process.bridge.has_begun();
+    let returned: Vec<bool> = process.bridge.fates().map(|fate| fate == Fate::Returns).collect();
     process.return_home(why, timeout);
-    process.save_ended(|uav, _| ended[uav]);
+    let has_ended: Vec<bool> =
+        returned.iter().zip(process.bridge.are_off()).map(|(returned, off)| *returned || off).collect();
+    process.save_ended(has_begun, |uav, _| has_ended[uav]);
     result
 }
 
@@ -294,14 +296,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// As [`poll`](Self::poll), and saves which missions have ended before the last slot.
     fn poll_in_mission(&mut self) -> Result<(), NodeError> {
         let polled = self.poll();
-        self.save_ended(|_, fate| matches!(fate, Fate::Ended | Fate::Returns));
+        self.save_ended(self.bridge.has_begun(), |_, fate| matches!(fate, Fate::Ended | Fate::Returns));
         polled
     }
 
-    /// Saves which vehicles were taken over or given up, and which have ended as `is_end` says, by number from 0. One that
-    /// does not begin may begin when the run is resumed.
-    fn save_ended(&mut self, is_end: impl Fn(usize, Fate) -> bool) {
-        let has_begun = self.bridge.has_begun();
+    /// Saves which vehicles were taken over or given up, and, if the mission `has_begun`, which have ended as `is_end` says,
+    /// by number from 0: one that does not begin may begin when the run is resumed.
+    fn save_ended(&mut self, has_begun: bool, is_end: impl Fn(usize, Fate) -> bool) {
         let is_kept = |uav, fate| matches!(fate, Fate::Left | Fate::Abandoned) || has_begun && is_end(uav, fate);
         let fates = self.bridge.fates().enumerate();
         self.saved.save_ended(fates.map(|(uav, fate)| if is_kept(uav, fate) { fate } else { Fate::Open }));

@@ -94,7 +94,7 @@ pub enum Clearance {
     Return(String),
     /// Others fly it, in words after "is taken over:".
     GiveUp(String),
-    /// It may be another vehicle, or take off by an order of an earlier bridge, in words after "is taken over:".
+    /// It may be another vehicle, or take off by an order of an earlier bridge: why, in words.
     Abandon(String),
 }
 

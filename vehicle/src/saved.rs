@@ -120,7 +120,7 @@ impl SavedVehicles {
         }
         if let Some(run) = &self.run
             && fates != self.ended
-            && fates.iter().any(|fate| *fate != Fate::Open)
+            && (!self.ended.is_empty() || fates.iter().any(|fate| *fate != Fate::Open))
             && self.write(&run.join(ENDED), &fates, ": --resume would fly its vehicles again")
         {
             self.ended = fates;
@@ -199,6 +199,7 @@ mod tests {
         };
         assert_eq!(saved_by(&[[Fate::Open; 3]]), []);
         assert_eq!(saved_by(&[[Fate::Returns, Fate::Open, Fate::Open]]), [Fate::Returns, Fate::Open, Fate::Open]);
+        assert_eq!(saved_by(&[[Fate::Open; 3]]), [Fate::Open; 3], "it flies again");
         assert_eq!(saved_by(&[[Fate::Ended, Fate::Left, Fate::Open]]), [Fate::Ended, Fate::Left, Fate::Open]);
         // A run that is resumed does not know them as well.
         let next = [[Fate::Open, Fate::Abandoned, Fate::Open], [Fate::Open, Fate::Open, Fate::Returns]];

@@ -83,8 +83,9 @@ pub struct VehicleState {
     is_armed: Confirmed<bool>,
     /// Since when it says that it is disarmed [s].
     disarmed_s: Option<f64>,
-    /// Whether it has said so on the ground, for longer than heartbeats that come late at once, since they were counted
-    /// anew.
+    /// Whether it has said since its heartbeats were counted anew that it is armed, and then, on the ground, for longer than
+    /// heartbeats that come late at once, that it is not.
+    was_on: bool,
     was_off: bool,
     is_booting: bool,
     /// Whether a report of the mode has come since the last poll.
@@ -117,7 +118,8 @@ impl VehicleState {
                 self.disarmed_reports = if is_armed { 0 } else { self.disarmed_reports.saturating_add(1) };
                 self.disarmed_s = (!is_armed).then(|| self.disarmed_s.unwrap_or(now_s));
                 let is_off = self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= OFF_S);
-                self.was_off |= is_off && self.disarmed_reports >= 2 && !self.is_high();
+                self.was_on |= is_armed;
+                self.was_off |= self.was_on && is_off && self.disarmed_reports >= 3 && !self.is_high();
                 self.has_new_heartbeat = true;
                 self.hear_mode(mode);
             }
@@ -222,6 +224,7 @@ impl VehicleState {
     pub fn recount_disarmed(&mut self) {
         self.disarmed_reports = 0;
         self.was_off = false;
+        self.was_on = false;
     }
 
     /// Whether two heartbeats in a row, since they were counted anew, say that it is disarmed.

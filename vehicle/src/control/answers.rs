@@ -83,6 +83,11 @@ impl VehicleControl {
         }
     }
 
+    /// Whether it gets nothing, as it may be another.
+    pub(super) fn is_withheld(&self) -> bool {
+        self.is_refused && self.phase == Phase::Preflight && self.assignment.beginning != Beginning::New
+    }
+
     /// Whether it was armed, and says that it is not any more, believed or not.
     pub fn says_off(&self) -> bool {
         self.is_committed() && self.vehicle.says_off()
@@ -107,6 +112,7 @@ impl VehicleControl {
             Phase::Landed => self.is_unflown(), // else somebody flies it again
             Phase::TakenOver => self.is_abandoned && self.is_unflown() && !self.is_called(now_s),
             Phase::Returning if self.does_not_return(now_s) => true,
+            _ if self.is_withheld() => true,
             _ => may_fly && self.vehicle.unheard_s(now_s) >= ABANDONED_S && !self.is_called(now_s),
         };
         if is_left { Heartbeats::Withheld } else { Heartbeats::Due }
@@ -187,6 +193,8 @@ impl VehicleControl {
     /// Whether it flies home, as far as it says so, is flown by others, or has landed.
     pub fn is_homebound(&self) -> bool {
         let is_confirmed = !self.outbox.has(&Order::Return) || self.vehicle.meaning() == ModeMeaning::Returns;
-        matches!(self.phase, Phase::Landed | Phase::TakenOver) || self.phase == Phase::Returning && is_confirmed
+        self.is_withheld()
+            || matches!(self.phase, Phase::Landed | Phase::TakenOver)
+            || self.phase == Phase::Returning && is_confirmed
     }
 }

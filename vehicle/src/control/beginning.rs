@@ -41,7 +41,11 @@ impl VehicleControl {
         self.is_left = true;
         self.is_abandoned = is_abandoned;
         self.has_begun |= self.assignment.beginning != Beginning::Restarted { in_mission: false };
-        self.give_up("it was taken over, or has returned, before this bridge began");
+        self.give_up(if is_abandoned {
+            "its mission was over before this bridge began. It gets no orders, and heartbeats only if somebody flies it"
+        } else {
+            "it was taken over before this bridge began"
+        });
     }
 
     /// Ends its mission before it flies, because of `why`. One that an earlier bridge may have left in the air gets no
@@ -57,9 +61,14 @@ impl VehicleControl {
         }
     }
 
-    /// Gives a vehicle up in the air that nobody is known to fly: its dead-man switch brings it home.
+    /// Gives it no orders and no heartbeats from now on, as it may be another, unless it is flown already.
+    pub fn withhold(&mut self) {
+        self.is_refused = true;
+    }
+
+    /// Gives a vehicle up in the air: its dead-man switch brings it home, unless somebody flies it.
     fn abandon(&mut self, why: &str) {
-        self.is_abandoned = true;
+        self.is_abandoned = self.is_unflown();
         self.give_up(why);
     }
 
@@ -101,6 +110,9 @@ impl VehicleControl {
 
     /// Checks whether the vehicle may take off, or is in the air already.
     pub(super) fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
+        if self.is_withheld() {
+            return Ok(());
+        }
         let stands = self.has_current_position(now_s) && !self.vehicle.is_high();
         let is_down = self.vehicle.is_armed() == Some(false) && (stands || self.vehicle.has_disarmed(now_s));
         if self.awaited_return.is_some() && is_down {

@@ -22,7 +22,6 @@ impl VehicleControl {
         let must_change = guided.filter(|&mode| self.vehicle.mode() != Some(mode));
         if self.vehicle.is_armed() == Some(true) && must_change.is_none() {
             self.outbox.clear();
-            self.vehicle.recount_disarmed(); // it may have taken some time to arm
             self.phase = Phase::TakeOff;
             self.retry_s = now_s;
             return;
@@ -179,6 +178,7 @@ impl VehicleControl {
         };
         match self.phase {
             Phase::Returning | Phase::TakenOver | Phase::Landed => return,
+            Phase::Preflight if self.is_withheld() => return,
             Phase::Preflight if !self.has_seen_return && self.is_of_earlier_bridge(ModeMeaning::FollowsOrders) => {
                 self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
             }

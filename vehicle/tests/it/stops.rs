@@ -5,7 +5,7 @@ use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
 use skysink_vehicle::bridge::Bridge;
-use skysink_vehicle::control::{Heartbeats, History};
+use skysink_vehicle::control::{Fate, Heartbeats, History, Phase};
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::saved::SavedVehicles;
@@ -104,7 +104,9 @@ fn the_only_vehicle_is_not_sent_home_if_it_may_be_another() {
     flight.bridge.return_home("the bridge ends, with the error that follows", now_s);
     flight.advance(2.5);
     assert!(flight.orders.is_empty(), "{:?}", flight.orders);
-    assert_eq!(count(&flight, "is left to its dead-man switch: system 1 is heard from two"), 1, "{:?}", flight.said);
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld);
+    let fates: Vec<_> = flight.bridge.fates().collect();
+    assert_eq!((fates, flight.bridge.taken_over()), (vec![Fate::Open], vec![]), "it may be flown by the next run");
 }
 
 #[test]
@@ -127,7 +129,7 @@ fn a_vehicle_left_by_an_earlier_bridge_that_does_not_say_where_it_is_gets_no_hea
 #[test]
 fn a_vehicle_that_was_turned_off_and_armed_again_on_the_ground_is_not_taken_off() {
     for autopilot in KINDS {
-        for (is_refused, off_s) in [(true, 0.6), (true, 1.4), (false, 0.6), (false, 1.0), (false, 1.4)] {
+        for (is_refused, off_s) in [(true, 0.8), (true, 1.4), (false, 0.8), (false, 1.0), (false, 1.4)] {
             let mut flight = flight_over(autopilot);
             flight.is_deaf = false; // 5 heartbeats a second
             flight.refused = Some(22).filter(|_| is_refused);
@@ -159,6 +161,60 @@ fn a_vehicle_that_takes_a_second_to_arm_is_not_taken_over() {
             flight.advance(1.2);
             flight.copter.is_armed = true;
             flight.until(60.0, |flight| flight.bridge.has_begun());
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_that_was_turned_off_and_armed_again_before_it_was_believed_to_be_armed_is_not_taken_off() {
+    for autopilot in KINDS {
+        let mut flight = flight_over(autopilot);
+        flight.is_deaf = false;
+        flight.until(60.0, |flight| flight.bridge.control(0).vehicle.may_be_armed());
+        assert_eq!(flight.bridge.control(0).phase(), Phase::Arming);
+        flight.copter.disarm();
+        flight.advance(1.4);
+        flight.copter.is_armed = true; // by a pilot
+        flight.copter.boot_s -= 5.0;
+        flight.advance(10.0);
+        assert_eq!(flight.take_offs, 0, "{autopilot:?}: {:?}", flight.said);
+    }
+}
+
+#[test]
+fn late_copies_in_the_spool_up_are_no_takeover() {
+    for autopilot in KINDS {
+        let mut flight = flight_over(autopilot);
+        flight.until(60.0, |flight| flight.take_offs > 0);
+        flight.says_on_ground_until_s = flight.now_s + 1.5;
+        flight.advance(0.1);
+        let mode = flight.mode();
+        for _ in 0..2 {
+            flight.hear(&Telemetry::Heartbeat { autopilot, mode, is_armed: false, is_booting: false });
+            flight.advance(0.34);
+        }
+        flight.until(60.0, |flight| flight.bridge.has_begun());
+    }
+}
+
+#[test]
+fn a_vehicle_that_disarms_as_the_run_stops_is_off_and_one_that_says_so_once_is_not() {
+    for autopilot in KINDS {
+        for (is_off, is_odd) in [(true, false), (false, true), (false, false)] {
+            let mut flight = hovering(autopilot);
+            flight.fly_slot(1, Some(plan(50.0, 62.0)));
+            flight.advance(0.1); // after a heartbeat
+            if is_off {
+                flight.copter.disarm();
+                flight.advance(0.2);
+            } else if is_odd {
+                flight.is_odd = true;
+                flight.until(5.0, |flight| !flight.is_odd);
+            }
+            let now_s = flight.now_s;
+            flight.bridge.return_home("the run is stopped", now_s);
+            flight.advance(2.5);
+            assert!(flight.bridge.are_off().eq([is_off]), "{autopilot:?}, odd {is_odd}: {:?}", flight.said);
         }
     }
 }
