@@ -64,7 +64,7 @@ impl VehicleStop {
 pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
     let scenario = &track.run.scenario;
     let mut stops: Vec<VehicleStop> = Vec::new();
-    for (index, pair) in (1..).zip(track.points.windows(2)) {
+    for (index, pair) in (1..).zip(track.flown().windows(2)) {
         let [before, point]: &[TrackPoint<'_>; 2] = pair.try_into().expect("windows of two");
         let services: Vec<usize> = if point.served().is_empty() { vec![] } else { vec![index] };
         let bits = track.delivered_bits(index);

@@ -74,7 +74,7 @@ fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &V
     let times = mission.parts.iter().map(time).collect::<Vec<_>>().join(" + ");
     let ramp = options.motion(&track.run.scenario).horizontal;
     let jerk = ramp.jerk_mps3.map_or(String::new(), |jerk_mps3| format!(" and {jerk_mps3} m/s³"));
-    let planned_s = track.run.slots.len() as f64 * track.run.scenario.slot_s;
+    let planned_s = (track.flown().len() - 1) as f64 * track.run.scenario.slot_s;
     let acceleration_mps2 = ramp.acceleration_mps2;
     let is_over_hills = mission.reference == AltitudeReference::Terrain;
     let hills = if is_over_hills { ", without climbs and descents along the ground" } else { "" };

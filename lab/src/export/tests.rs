@@ -126,6 +126,26 @@ fn straight_legs_and_holds_are_merged() {
 }
 
 #[test]
+fn a_stay_on_the_ground_is_no_hold_at_the_end_and_said_before() {
+    let there_and_back = [(30.0, Some(1)), (-30.0, None), (0.0, None), (0.0, None)];
+    let with_stay = |after: &[(f64, Option<u64>)]| {
+        let mut run = run(&[&there_and_back, after].concat());
+        run.slots[2..4].iter_mut().for_each(|slot| slot[UAV].mode = Mode::Charge);
+        let mission = mission(&run, &forever());
+        let holds: Vec<f64> = waypoints(&mission.parts[0].items).iter().map(|(_, _, hold_s)| *hold_s).collect();
+        (holds, warnings::of(&track(&run), &mission, None).concat(), lines(&run, &forever()).concat())
+    };
+    let (holds, warned, said) = with_stay(&[]);
+    assert!(
+        holds.iter().sum::<f64>() < 1.0 && !warned.contains("charges") && said.contains("(planned: 2 s)"),
+        "{said}"
+    );
+    let (holds, warned, said) = with_stay(&[(30.0, Some(1))]);
+    assert!(holds.contains(&2.0) && warned.contains("hovers for 2 s in which the plan charges"), "{holds:?}, {warned}");
+    assert!(said.contains("(planned: 5 s)"), "{said}");
+}
+
+#[test]
 fn ardupilot_holds_are_whole_seconds_and_px4_holds_exact() {
     let run = run(&[(30.0, Some(1)), (0.0, Some(1)), (20.0, None)]); // 0.25 s and a slot
     let holds = |autopilot| {

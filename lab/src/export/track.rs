@@ -5,6 +5,7 @@ use skysink_common::airspace::Polygon;
 use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
+use skysink_common::message::Mode;
 use skysink_common::scenario::{Origin, Scenario};
 use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
@@ -35,6 +36,11 @@ impl TrackPoint<'_> {
     /// The sensor nodes that are served from here.
     pub fn served(&self) -> &[u32] {
         self.slot.map_or(&[], |slot| &slot.scheduled)
+    }
+
+    /// Whether the UAV stands in the base, to charge or for good.
+    pub fn is_on_ground(&self) -> bool {
+        self.slot.is_some_and(|slot| slot.mode == Mode::Charge)
     }
 }
 
@@ -86,6 +92,12 @@ impl<'a> GeodeticTrack<'a> {
             zones: zones(scenario, place)?,
             border: fence::border(&scenario.area, 0.0).iter().map(place).collect::<Result<_, _>>()?,
         })
+    }
+
+    /// The points up to the last landing.
+    pub fn flown(&self) -> &[TrackPoint<'a>] {
+        let is_flown = |point: &TrackPoint<'_>| !point.is_on_ground() || !point.served().is_empty();
+        &self.points[..=self.points.iter().rposition(is_flown).unwrap_or(0)]
     }
 
     /// A position of the plane on the ground.

@@ -23,6 +23,13 @@ pub fn of(track: &GeodeticTrack<'_>, mission: &VehicleMission, fence: Option<&[P
     warnings.extend(fence.and_then(|fence| near_fence(track, fence)));
     warnings.extend(near_zones(track));
     warnings.extend(high(mission));
+    let charging = track.flown().iter().filter(|point| point.is_on_ground()).count();
+    if charging > 0 {
+        let charging_s = charging as f64 * track.run.scenario.slot_s;
+        warnings.push(format!(
+            "hovers for {charging_s:.0} s in which the plan charges on the ground: land there yourself, and go on when it has charged"
+        ));
+    }
     let uavs = track.run.scenario.uav.uavs();
     if uavs > 1 {
         warnings.push(format!(
