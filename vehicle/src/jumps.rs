@@ -108,6 +108,7 @@ mod tests {
         assert_eq!(at(&mut jumps, 55_297.0, 11.0), Plausibility::Jump { away_m: Some(50_000.0) });
         assert_eq!(at(&mut jumps, 55_297.0, 11.1), Plausibility::StillAway);
         assert!(jumps.is_doubtful(12.0) && !jumps.is_doubtful(12.2));
+        assert!((jumps.away_for_s(11.2) - 0.2).abs() < 1e-9, "since the jump");
         assert_eq!(jumps.admit(None, 11.2), Plausibility::StillAway);
         assert_eq!(at(&mut jumps, 5_300.0, 11.3), Plausibility::Again);
         assert_eq!(at(&mut jumps, 5_300.0, 11.4), Plausibility::Plausible);
@@ -117,9 +118,9 @@ mod tests {
     fn a_far_place_does_not_become_plausible_by_waiting_and_a_near_one_does() {
         for (away_m, is_believed) in [(60.0, true), (109.0, true), (111.0, false), (50_000.0, false)] {
             let mut jumps = Jumps::at_most(15.0);
-            let _ = at(&mut jumps, 0.0, 0.0);
+            let _ = at(&mut jumps, 0.0, 1_000.0);
             let is_again =
-                (1..100_000).any(|step| at(&mut jumps, away_m, 0.1 * f64::from(step)) == Plausibility::Again);
+                (1..100_000).any(|step| at(&mut jumps, away_m, 1_000.0 + 0.1 * f64::from(step)) == Plausibility::Again);
             assert_eq!(is_again, is_believed, "{away_m} m");
         }
     }

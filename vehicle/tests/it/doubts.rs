@@ -1,11 +1,12 @@
 //! Vehicles that say what is not so, nothing at all, or that they refuse: what the bridge believes of that, and does.
 
+use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
 use skysink_vehicle::control::Heartbeats;
 use skysink_vehicle::telemetry::{Order, Telemetry};
 
-use crate::flight::ClosedLoop;
+use crate::flight::{ClosedLoop, plan};
 use crate::pilot::{KINDS, count, flight_over, hovering};
 
 #[test]
@@ -100,4 +101,27 @@ fn a_vehicle_that_refuses_to_take_off_ends_its_mission_on_the_ground() {
     let orders = flight.orders.len();
     flight.advance(60.0);
     assert_eq!((flight.orders.len(), flight.copter.body.position_m.z), (orders, 0.0));
+}
+
+#[test]
+fn an_order_to_arm_that_is_refused_is_repeated_after_some_time() {
+    let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 4, ..KinematicOptions::default() }, 0.0);
+    flight.until(60.0, |flight| flight.copter.is_armed);
+    let orders: Vec<f64> =
+        flight.orders.iter().filter(|(_, order)| *order == Order::Arm).map(|(at_s, _)| *at_s).collect();
+    let apart_s = orders.windows(2).map(|pair| pair[1] - pair[0]);
+    assert!(orders.len() == 5 && apart_s.clone().all(|apart_s| apart_s > 0.9), "{orders:?}");
+}
+
+#[test]
+fn a_px4_that_refuses_a_waypoint_for_another_reason_is_not_asked_to_change_its_mode() {
+    let mut flight = flight_over(AutopilotKind::Px4);
+    flight.must_change_mode = false;
+    flight.until(90.0, |flight| flight.bridge.has_begun());
+    let given = flight.orders.len();
+    let to_start = flight.orders.iter().find(|(_, order)| matches!(order, Order::Reposition { .. }));
+    flight.refused = to_start.and_then(|(_, order)| order.command());
+    assert_eq!(flight.fly_slot(1, Some(plan(50.0, 62.0))).refused, 1, "{:?}", flight.said);
+    let changes_mode = |order: &Order| matches!(order, Order::Reposition { may_change_mode: true, .. });
+    assert!(!flight.orders[given..].iter().any(|(_, order)| changes_mode(order)), "{:?}", flight.orders);
 }
