@@ -108,6 +108,7 @@ pub fn what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resu
         let vehicle = TestVehicle::start(KinematicOptions::default());
         let run = vehicle.flight(&place).start();
         run.until_slot(2);
+        vehicle.set_mute(!is_noticed);
         if is_landed {
             vehicle.act(|copter| copter.body.position_m.z = 0.0);
             vehicle.act(|copter| copter.disarm());
@@ -116,8 +117,12 @@ pub fn what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resu
         }
         if is_noticed {
             run.until_printed(if is_landed { "has disarmed: its mission is over" } else { "vehicle 1: is taken over" });
+        } else {
+            run.until_printed("vehicle 1: is not heard any more"); // no earlier report of its mode is on its way
         }
-        run.terminate();
+        run.signal_launcher(Signal::TERM);
+        vehicle.set_mute(false);
+        run.wait().assert_code(143);
         let resumed = place.skysink(&["run", "--resume", "run", "--no-viewer", "--vehicle", &vehicle.address]);
         let resumed = RunningFlight::start(&place, resumed, "run");
         resumed.until_slots_later(3);
@@ -232,7 +237,7 @@ pub fn heartbeats_stop_for_a_vehicle_that_is_not_heard() {
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
     run.until_slot(2);
-    vehicle.mute();
+    vehicle.set_mute(true);
     vehicle.until("return", |copter| copter.mode == CopterMode::Return);
     vehicle.until_landed();
     let ended = run.terminate();

@@ -2,7 +2,7 @@
 
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -91,16 +91,19 @@ impl TestVehicle {
         self.acts.lock().unwrap().push(Box::new(act));
     }
 
-    /// Lets its pilot choose a mode.
+    /// Lets its pilot choose a mode, and waits until it is in it.
     pub fn change_to(&self, mode: CopterMode) {
+        let (change, changed) = mpsc::channel();
         self.act(move |copter| {
             let _ = copter.change_to(mode);
+            let _ = change.send(());
         });
+        changed.recv().unwrap();
     }
 
-    /// Loses what it sends, from now on, not what it gets.
-    pub fn mute(&self) {
-        self.is_mute.store(true, Ordering::Relaxed);
+    /// Loses what it sends, not what it gets, while `is_mute`.
+    pub fn set_mute(&self, is_mute: bool) {
+        self.is_mute.store(is_mute, Ordering::Relaxed);
     }
 
     /// Its state.
