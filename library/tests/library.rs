@@ -20,6 +20,9 @@ use skysink_mission::summary::Tally;
 /// A small instance that many tests fly.
 const SMALL: &str = "sks-small-5a";
 
+/// The last line of the best known flight of a fleet.
+const LAST_OF_FLEET: &str = "600,1,11.027183926083373,990.3274844389573,150\n";
+
 fn stop() -> Stop {
     Stop::default()
 }
@@ -56,8 +59,11 @@ fn copy_of(name: &str) -> (tempfile::TempDir, Library) {
 
 /// The plans of the best known flight of an instance, as text.
 fn plans_of(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("best/{name}.csv.gz"));
-    std::io::read_to_string(flate2::read::GzDecoder::new(fs::File::open(path).unwrap())).unwrap()
+    text_of(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("best/{name}.csv.gz")))
+}
+
+fn text_of(compressed: &Path) -> String {
+    std::io::read_to_string(flate2::read::GzDecoder::new(fs::File::open(compressed).unwrap())).unwrap()
 }
 
 /// Verifies the text of a plan file.
@@ -134,6 +140,8 @@ fn a_run_has_the_value_of_its_plan_file() {
     let library = Library::default();
     let of_run = library.verify(std::slice::from_ref(&run), None, &stop()).unwrap();
     assert_eq!(of_run.by.as_deref(), Some("uts"));
+    let twice = library.verify(&[run.clone(), run.clone()], None, &stop()).unwrap_err().to_string();
+    assert!(twice.ends_with("it is given twice: expected one flight"), "{twice}");
     let trace = library.verify(&[run.join("slots.csv")], Some(SMALL), &stop()).unwrap();
     assert_eq!((of_run.value, &of_run.plans), (trace.value, &trace.plans));
     let verdict = of_run.placement().unwrap();
@@ -165,6 +173,45 @@ fn a_better_flight_takes_the_place_of_the_best_known_one() {
         moves.map(|one| (one.position, one.scheduled.clone(), one.mode)).collect()
     };
     assert_eq!(moves(&verified), moves(&known));
+    assert_eq!(
+        text_of(&folder.path().join(format!("best/{SMALL}.csv.gz"))),
+        plans_of(SMALL),
+        "without columns of defaults"
+    );
+}
+
+#[test]
+fn a_flight_of_which_no_better_one_can_be_is_submitted_with_its_bound_and_no_value_beyond_a_bound_is_believed() {
+    let (folder, library) = copy_of(SMALL);
+    let instance = library.find(SMALL).unwrap();
+    let known = library.verify_best(&instance, &stop()).unwrap().unwrap();
+    let file = folder.path().join(format!("best/{SMALL}.toml"));
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("bound = 0.", "bound = 0.9")).unwrap();
+    let error = library.verify_best(&instance, &stop()).unwrap_err().to_string();
+    assert!(
+        error.contains(&format!("{SMALL}: value 0.1")) && error.contains("expected none better than its bound, 0.9")
+    );
+    fs::remove_dir_all(folder.path().join("best")).unwrap();
+    let first = known.submit(Claim { by: "somebody".to_owned(), cost: "nothing".to_owned() }).unwrap();
+    let bound = first.bound.unwrap();
+    assert!((0.0..=known.value).contains(&bound), "{first:?}");
+}
+
+#[test]
+fn a_library_that_cannot_be_read_is_not_an_empty_one() {
+    let (folder, library) = copy_of(SMALL);
+    let instance = library.find(SMALL).unwrap();
+    let best = folder.path().join("best");
+    fs::remove_dir_all(&best).unwrap();
+    assert_eq!(library.best(&instance).unwrap(), None);
+    fs::write(&best, "a file in the place of a folder").unwrap();
+    let error = library.best(&instance).unwrap_err().to_string();
+    assert!(error.contains(&format!("best/{SMALL}.toml")), "{error}");
+    fs::remove_file(&best).unwrap();
+    fs::remove_file(folder.path().join("instances.toml")).unwrap();
+    let error = library.best(&instance).unwrap_err().to_string();
+    assert!(error.contains("instances.toml"), "it is the lock: {error}");
 }
 
 #[test]
@@ -236,9 +283,14 @@ fn a_pipe_in_a_library_is_refused_and_a_copy_is_whole_or_not_at_all() {
     let error = library.copy(&instance, &to).unwrap_err().to_string();
     assert!(error.contains("it exists, with another content"), "{error}");
     assert_eq!(fs::read_dir(&to).unwrap().count(), 1);
+    let make_pipe = |path: &Path| assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    fs::remove_file(to.join(format!("{SMALL}.toml"))).unwrap();
+    make_pipe(&to.join(format!("{SMALL}.toml")));
+    let error = library.copy(&instance, &to).unwrap_err().to_string();
+    assert!(error.ends_with("it is no regular file"), "{error}");
     let index = folder.path().join("instances.toml");
     fs::remove_file(&index).unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(&index).status().unwrap().success());
+    make_pipe(&index);
     let error = library.instances().unwrap_err().to_string();
     assert!(error.ends_with("it is a pipe or a device: expected a regular file"), "{error}");
 }
@@ -302,6 +354,12 @@ fn a_refusal_says_what_is_expected_of_the_plan() {
         (SMALL, "2,25,45,0\n", "2,25,north,0\n", "expected a number as y_m"),
         (SMALL, "2,25,45,0\n", "2,25,nan,0\n", "expected a position of finite numbers"),
         (SMALL, "2,25,45,0\n", "2,25,45,2 0\n", "from 0 on, ascending, separated by spaces"),
+        (SMALL, "2,25,45,0\n", "3,25,45,0\n", "expected slot 2"),
+        (SMALL, "30,5,5,\n", "31,5,5,\n", "expected slot 30"),
+        (SMALL, "30,5,5,\n", "30,5,5,\n31,5,5,\n", "expected the end, after 30 slots"),
+        (SMALL, "30,5,5,\n", "", "it ends in slot 29 of seed 1: expected 30 slots of each UAV"),
+        ("sks-1000-200-fleet2", LAST_OF_FLEET, "", "slot 600 of seed 1 before UAV 1: expected 600 slots of each UAV"),
+        ("sks-1000-200-fleet2", "\n1,1,", "\n2,1,", "expected slot 1 of UAV 1"),
         ("sks-1000-200-fleet2", "slot,uav,", "slot,refused,", "column uav is missing"),
         ("sks-1000-200-fleet2", "\n1,1,", "\n1,2,", "expected uav 0 to 1"),
         ("sks-600-100-3d-urban", "y_m,z_m,", "y_m,refused,", "column z_m is missing"),
@@ -428,7 +486,7 @@ fn a_policy_instance_is_flown_with_each_of_its_seeds() {
     assert!(means[0].contains("seed 11 is missing: expected seeds 1 to 20"), "{}", means[0]);
     let twice: Vec<PathBuf> = runs.iter().chain(&runs[..1]).cloned().collect();
     let error = library.verify(&twice, None, &stop()).unwrap_err().to_string();
-    assert!(error.contains("seed 1: it is given twice"), "{error}");
+    assert!(error.ends_with("seed 1: it is given twice: expected one flight for each seed"), "{error}");
 }
 
 #[test]
