@@ -25,6 +25,8 @@ use skysink_common::option_value;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+#[cfg(feature = "lab")]
+use skysink_lab::import::Frame;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_all;
 use skysink_mission::folder::Earlier;
@@ -154,7 +156,7 @@ impl NewCommand {
         let list = field.and_then(|field| Some((folder.join(LIST), field.list.as_ref()?.as_bytes())));
         let added = additions.files.iter().map(|(name, text)| (folder.join(name), text.as_bytes()));
         let files: Vec<_> = list.into_iter().chain(added).chain([(path.clone(), text.as_bytes())]).collect();
-        write_into(&folder, &files, Earlier::by_force(self.force))?;
+        write_into(&folder, &files, &self.inputs(), Earlier::by_force(self.force))?;
         field.iter().flat_map(|field| &field.notes).chain(&additions.notes).try_for_each(print)?;
         let warnings = field.iter().flat_map(|field| &field.warnings).chain(&additions.warnings);
         warnings.for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
@@ -168,6 +170,18 @@ impl NewCommand {
         }
         print(format_args!("{}: {count} sensor nodes in {width_m} m × {height_m} m", path.display()))?;
         print(format_args!("Next:  skysink check {}", shlex::try_quote(&path.to_string_lossy()).unwrap_or_default()))
+    }
+
+    /// The files that it is made from.
+    #[cfg(feature = "lab")]
+    fn inputs(&self) -> Vec<PathBuf> {
+        let of_log = self.log.iter().flat_map(|folder| log::FILES.map(|name| folder.join(name)));
+        [&self.sensors, &self.zones, &self.terrain].into_iter().flatten().cloned().chain(of_log).collect()
+    }
+
+    #[cfg(not(feature = "lab"))]
+    fn inputs(&self) -> Vec<PathBuf> {
+        Vec::new()
     }
 
     /// What the scenario is made from: reads the log and the terrain.
@@ -215,7 +229,8 @@ impl Sources {
 fn place(text: &str) -> Result<[f64; 2], String> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|number| number.trim().parse().ok().filter(|number: &f64| number.is_finite())).collect();
-    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected two numbers, X,Y".to_owned())
+    let place = numbers.and_then(|numbers| numbers.try_into().ok()).ok_or("expected two numbers, X,Y")?;
+    Frame::Plane.check(place).map(|()| place)
 }
 
 /// Latitude and longitude of the centre of the area; `None` without an origin.
@@ -262,8 +277,14 @@ fn line(key: &Key, table: &Table) -> Option<String> {
     Some(commented(&setting, clause))
 }
 
-/// Writes files into `folder`, all or none.
-fn write_into(folder: &Path, files: &[(PathBuf, &[u8])], earlier: Earlier) -> Result<(), Error> {
+/// Writes files into `folder`, all or none, and none in the place of one of the `inputs`.
+fn write_into(folder: &Path, files: &[(PathBuf, &[u8])], inputs: &[PathBuf], earlier: Earlier) -> Result<(), Error> {
+    let inputs: Vec<PathBuf> = inputs.iter().filter_map(|path| path.canonicalize().ok()).collect();
+    let is_input = |path: &Path| path.canonicalize().is_ok_and(|path| inputs.contains(&path));
+    if let Some((path, _)) = files.iter().find(|(path, _)| is_input(path)) {
+        let message = "the scenario is made from it: expected another --out";
+        return Err(InputError::new("file", path, message).into());
+    }
     let existing = files.iter().find(|(path, _)| fs::symlink_metadata(path).is_ok());
     if let Some((path, _)) = existing.filter(|_| earlier == Earlier::Kept) {
         let message = "it exists: choose another --out, or pass --force to replace it";

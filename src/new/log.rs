@@ -20,6 +20,9 @@ use super::presets::Lines;
 const LOG: &str = "log.csv";
 const TRACK: &str = "track.csv";
 
+/// The files of a log.
+pub const FILES: [&str; 3] = [LOG, RATES, LIST];
+
 /// Least side of a bin [m]: that of the positions of a satellite receiver with their errors.
 const BIN_M: f64 = 10.0;
 

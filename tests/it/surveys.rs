@@ -51,6 +51,9 @@ fn write_log(place: &Place) {
 fn a_flight_log_becomes_a_map_and_a_fixed_flight() {
     let place = Place::new();
     write_log(&place);
+    let into_its_folder = ["new", "aerial", "--log", "logged", "--out", "logged", "--force"];
+    place
+        .run_refused(&into_its_folder, "file logged/sensors.csv: the scenario is made from it: expected another --out");
     let printed = place.run_ok(&["new", "aerial", "--log", "logged"]).stdout;
     assert!(printed.contains("1 rows farther than 10 m from the altitude of 30 m are left out"), "{printed}");
     let errors: Vec<f64> = printed

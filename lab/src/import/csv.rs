@@ -3,7 +3,7 @@
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::{line_of, quoted};
-use skysink_common::geodata::{NAME, check_geodetic, plausible};
+use skysink_common::geodata::{NAME, plausible};
 
 use super::imported::{Frame, IDS, Imported, ImportedSensor, OTHERS, plain};
 
@@ -162,9 +162,7 @@ impl Columns {
     fn sensor(&self, row: &StringRecord, place: String) -> Result<ImportedSensor, String> {
         let [first, second] = &self.position;
         let position = [self.number(row, first)?, self.number(row, second)?];
-        if self.frame == Frame::Geodetic {
-            check_geodetic(position)?;
-        }
+        self.frame.check(position)?;
         let other = |&(name, place): &(&str, usize)| match name {
             NAME => Ok(row.get(place).unwrap_or_default().to_owned()),
             _ => self.number(row, &(name.to_owned(), place)).map(|value| value.to_string()),

@@ -8,7 +8,6 @@ use std::path::Path;
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::{InputError, line_of, quoted, read_text};
-use skysink_common::geodata::check_geodetic;
 
 use super::imported::Frame;
 
@@ -80,9 +79,7 @@ impl FlightLog {
             let refuse = |message: String| format!("line {line}: {message}");
             let number = |column: usize| number(&record, &header, column).map_err(refuse);
             let position = [number(places[0])?, number(places[1])?];
-            if *frame == Frame::Geodetic {
-                check_geodetic(position).map_err(refuse)?;
-            }
+            frame.check(position).map_err(refuse)?;
             let is_heard = !record[snr].is_empty();
             let heard = is_heard.then(|| Ok::<_, String>((record[sensor].to_owned(), number(snr)?))).transpose()?;
             if let Some((_, snr_db)) = heard.as_ref().filter(|(_, snr_db)| snr_db.abs() > MOST_DB) {

@@ -16,6 +16,25 @@ pub enum Frame {
     Geodetic,
 }
 
+/// Farthest from the origin along an axis [m]: more than two ways around the Earth.
+pub const MOST_M: f64 = 1e8;
+
+impl Frame {
+    /// Checks two coordinates.
+    ///
+    /// # Errors
+    /// If one is out of range, with what was expected.
+    pub fn check(self, position: [f64; 2]) -> Result<(), String> {
+        match self {
+            Self::Geodetic => check_geodetic(position),
+            Self::Plane => match position.iter().find(|along_m| along_m.abs() > MOST_M) {
+                Some(along_m) => Err(format!("{along_m:e} m: expected -{MOST_M:e} to {MOST_M:e}")),
+                None => Ok(()),
+            },
+        }
+    }
+}
+
 /// An imported sensor node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportedSensor {
