@@ -236,9 +236,9 @@ impl Bridge {
         self.members.iter().map(|member| member.control.fate())
     }
 
-    /// Whether each was armed, and is off though no return of it was seen.
+    /// Whether each was armed, and is off though it has not returned.
     pub fn are_off(&self) -> impl Iterator<Item = bool> {
-        self.members.iter().map(|member| member.control.says_off() && !member.control.history().has_seen_return)
+        self.members.iter().map(|member| member.control.says_off())
     }
 
     /// Flies without the vehicle of this number from 0, because of `why`.

@@ -370,7 +370,11 @@ impl VehicleControl {
     /// Ends the orders if somebody else flies the vehicle. Returns whether.
     fn end_if_taken_over(&mut self) -> bool {
         let why = self.takeover.check(&self.vehicle);
-        let is_on_ground = matches!(self.phase, Phase::Arming | Phase::TakeOff) && self.takeover.has_armed();
+        let is_on_ground = match self.phase {
+            Phase::Arming | Phase::TakeOff => self.takeover.has_armed(),
+            Phase::Returning => self.vehicle.is_armed() == Some(true),
+            _ => false,
+        };
         let is_armed_again = is_on_ground && self.vehicle.is_armed_again();
         let why = why.or_else(|| is_armed_again.then(|| "somebody else has armed it".to_owned()));
         if let Some(why) = &why {

@@ -96,7 +96,7 @@ pub fn run<S: Service + 'static>(
     process.return_home(why, timeout);
     let has_ended: Vec<bool> =
         returned.iter().zip(process.bridge.are_off()).map(|(returned, off)| *returned || off).collect();
-    process.save_ended(has_begun, |uav, _| has_ended[uav]);
+    process.saved.save_ended(process.bridge.fates(), has_begun, |uav, _| has_ended[uav]);
     result
 }
 
@@ -296,16 +296,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// As [`poll`](Self::poll), and saves which missions have ended before the last slot.
     fn poll_in_mission(&mut self) -> Result<(), NodeError> {
         let polled = self.poll();
-        self.save_ended(self.bridge.has_begun(), |_, fate| matches!(fate, Fate::Ended | Fate::Returns));
+        let is_end = |_, fate| matches!(fate, Fate::Ended | Fate::Returns);
+        self.saved.save_ended(self.bridge.fates(), self.bridge.has_begun(), is_end);
         polled
-    }
-
-    /// Saves which vehicles were taken over or given up, and, if the mission `has_begun`, which have ended as `is_end` says,
-    /// by number from 0: one that does not begin may begin when the run is resumed.
-    fn save_ended(&mut self, has_begun: bool, is_end: impl Fn(usize, Fate) -> bool) {
-        let is_kept = |uav, fate| matches!(fate, Fate::Left | Fate::Abandoned) || has_begun && is_end(uav, fate);
-        let fates = self.bridge.fates().enumerate();
-        self.saved.save_ended(fates.map(|(uav, fate)| if is_kept(uav, fate) { fate } else { Fate::Open }));
     }
 
     /// When `slot` has begun, on the monotonic clock [ns]; `None` if it has not.

@@ -54,6 +54,8 @@ pub struct SavedVehicles {
     taken_over: Vec<usize>,
     /// The files of which it was said that they cannot be written.
     said: Vec<PathBuf>,
+    /// Whether it saves for the first time how far the missions have come in a run that begins, or is resumed.
+    begins_run: bool,
 }
 
 impl SavedVehicles {
@@ -78,7 +80,16 @@ impl SavedVehicles {
         let has_chosen_before = vehicles.iter().any(|vehicle| vehicle.chosen.is_some());
         let run = record_path(folder);
         let ended = run.as_deref().and_then(|run| ended_in(run).ok()).unwrap_or_default();
-        Self { folder: folder.to_owned(), run, ended, vehicles, has_chosen_before, taken_over, said: Vec::new() }
+        Self {
+            folder: folder.to_owned(),
+            run,
+            ended,
+            vehicles,
+            has_chosen_before,
+            taken_over,
+            said: Vec::new(),
+            begins_run: !is_restarted,
+        }
     }
 
     /// The vehicles, by UAV; none before they are saved.
@@ -110,11 +121,21 @@ impl SavedVehicles {
         }
     }
 
-    /// Saves in the folder of the run which missions have ended before the last slot: none that has ended begins again.
-    pub fn save_ended(&mut self, fates: impl Iterator<Item = Fate>) {
-        let mut fates: Vec<Fate> = fates.collect();
+    /// Saves in the folder of the run which vehicles were taken over or given up, and, if the mission `has_begun`, which have
+    /// ended it, as `is_end` says, by number from 0: none that has ended begins again, but one that returned before the run
+    /// was resumed does, and one that does not begin may begin when it is.
+    pub fn save_ended(
+        &mut self,
+        fates: impl Iterator<Item = Fate>,
+        has_begun: bool,
+        is_end: impl Fn(usize, Fate) -> bool,
+    ) {
+        let is_kept = |uav, fate| matches!(fate, Fate::Left | Fate::Abandoned) || has_begun && is_end(uav, fate);
+        let kept = fates.enumerate().map(|(uav, fate)| if is_kept(uav, fate) { fate } else { Fate::Open });
+        let mut fates: Vec<Fate> = kept.collect();
+        let begins_run = std::mem::take(&mut self.begins_run);
         for (now, before) in fates.iter_mut().zip(&self.ended) {
-            if *now == Fate::Open && *before != Fate::Returns {
+            if *now == Fate::Open && !(begins_run && *before == Fate::Returns) {
                 *now = *before;
             }
         }
@@ -192,14 +213,22 @@ mod tests {
     fn what_has_ended_in_a_run_stays_so_in_its_folder() {
         let [ring, run] = [0; 2].map(|_| tempfile::tempdir().unwrap());
         std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
-        let saved_by = |bridges: &[[Fate; 3]]| {
-            let mut saved = SavedVehicles::of(ring.path(), false, 3);
-            bridges.iter().for_each(|fates| saved.save_ended(fates.iter().copied()));
+        let save = |is_restarted: bool, has_begun: bool, polls: &[[Fate; 3]]| {
+            let mut saved = SavedVehicles::of(ring.path(), is_restarted, 3);
+            let is_end = |_, fate| matches!(fate, Fate::Ended | Fate::Returns);
+            polls.iter().for_each(|fates| saved.save_ended(fates.iter().copied(), has_begun, is_end));
             ended_in(run.path()).unwrap()
         };
+        let saved_by = |polls: &[[Fate; 3]]| save(false, true, polls);
         assert_eq!(saved_by(&[[Fate::Open; 3]]), []);
         assert_eq!(saved_by(&[[Fate::Returns, Fate::Open, Fate::Open]]), [Fate::Returns, Fate::Open, Fate::Open]);
+        for has_begun in [false, true] {
+            let next = save(true, has_begun, &[[Fate::Returns, Fate::Open, Fate::Open], [Fate::Open; 3]]);
+            assert_eq!(next, [Fate::Returns, Fate::Open, Fate::Open], "a bridge that is restarted does not forget it");
+        }
         assert_eq!(saved_by(&[[Fate::Open; 3]]), [Fate::Open; 3], "it flies again");
+        let returns = [Fate::Returns, Fate::Ended, Fate::Open];
+        assert_eq!(save(false, false, &[returns]), [Fate::Open; 3], "before its mission");
         assert_eq!(saved_by(&[[Fate::Ended, Fate::Left, Fate::Open]]), [Fate::Ended, Fate::Left, Fate::Open]);
         // A run that is resumed does not know them as well.
         let next = [[Fate::Open, Fate::Abandoned, Fate::Open], [Fate::Open, Fate::Open, Fate::Returns]];

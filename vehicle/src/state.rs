@@ -47,8 +47,9 @@ const STANDS_S: f64 = 5.0;
 /// Time after which a vehicle that says that it is disarmed is believed [s].
 const DOWN_S: f64 = 1.5;
 
-/// Time after which one that says so, and then that it is armed, was armed again [s]. Heartbeats that come late come at once.
-const OFF_S: f64 = 0.3;
+/// Heartbeats in a row that say so, and over what time [s], after which one that then says that it is armed was armed again:
+/// those that come late come at once. The second is that of vehicles with one heartbeat a second.
+const OFF: [(u32, f64); 2] = [(3, 0.3), (2, 0.9)];
 
 /// A state that is believed when two reports in a row agree on it.
 #[derive(Debug, Clone, Copy, Default)]
@@ -79,6 +80,10 @@ pub struct VehicleState {
     pub has_reported_battery: bool,
     /// Standard deviations of the position [m], horizontal and vertical.
     pub accuracy_m: Option<[f64; 2]>,
+    /// When its last heartbeat came [s].
+    pub heartbeat_s: Option<f64>,
+    /// When the last one came that said that it is armed [s].
+    pub armed_s: Option<f64>,
     mode: Confirmed<u32>,
     is_armed: Confirmed<bool>,
     /// Since when it says that it is disarmed [s].
@@ -117,10 +122,13 @@ impl VehicleState {
                 self.is_armed.hear(is_armed);
                 self.disarmed_reports = if is_armed { 0 } else { self.disarmed_reports.saturating_add(1) };
                 self.disarmed_s = (!is_armed).then(|| self.disarmed_s.unwrap_or(now_s));
-                let is_off = self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= OFF_S);
+                let off_s = self.disarmed_s.map_or(0.0, |disarmed_s| now_s - disarmed_s);
+                let is_off = OFF.iter().any(|&(reports, for_s)| self.disarmed_reports >= reports && off_s >= for_s);
                 self.was_on |= is_armed;
-                self.was_off |= self.was_on && is_off && self.disarmed_reports >= 3 && !self.is_high();
+                self.was_off |= self.was_on && is_off && !self.is_high();
                 self.has_new_heartbeat = true;
+                self.heartbeat_s = Some(now_s);
+                self.armed_s = if is_armed { Some(now_s) } else { self.armed_s };
                 self.hear_mode(mode);
             }
             Telemetry::Mode(mode) => self.hear_mode(mode),
@@ -224,7 +232,7 @@ impl VehicleState {
     pub fn recount_disarmed(&mut self) {
         self.disarmed_reports = 0;
         self.was_off = false;
-        self.was_on = false;
+        self.was_on = self.may_be_armed();
     }
 
     /// Whether two heartbeats in a row, since they were counted anew, say that it is disarmed.

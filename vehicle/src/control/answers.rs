@@ -88,9 +88,11 @@ impl VehicleControl {
         self.is_refused && self.phase == Phase::Preflight && self.assignment.beginning != Beginning::New
     }
 
-    /// Whether it was armed, and says that it is not any more, believed or not.
+    /// Whether it was armed, and says that it is not any more, believed or not: it did not land by an order to return, as no
+    /// heartbeat since that said that it was armed.
     pub fn says_off(&self) -> bool {
-        self.is_committed() && self.vehicle.says_off()
+        let was_on_after = |returns_s| self.vehicle.armed_s.is_some_and(|armed_s| armed_s >= returns_s);
+        self.is_committed() && self.vehicle.says_off() && !self.returns_s.is_some_and(was_on_after)
     }
 
     /// Whether others have taken it over while this bridge flew it.
@@ -190,11 +192,12 @@ impl VehicleControl {
         Some((self.frame.position(fix)?.xy() - self.assignment.start.xy()).norm())
     }
 
-    /// Whether it flies home, as far as it says so, is flown by others, or has landed.
+    /// Whether it flies home, as far as it says so, is flown by others, or has landed. A heartbeat since the order has said
+    /// whether it is armed at all.
     pub fn is_homebound(&self) -> bool {
         let is_confirmed = !self.outbox.has(&Order::Return) || self.vehicle.meaning() == ModeMeaning::Returns;
         self.is_withheld()
             || matches!(self.phase, Phase::Landed | Phase::TakenOver)
-            || self.phase == Phase::Returning && is_confirmed
+            || self.phase == Phase::Returning && is_confirmed && self.vehicle.heartbeat_s >= self.returns_s
     }
 }

@@ -130,6 +130,10 @@ impl VehicleControl {
             self.watch_return();
             return Ok(());
         }
+        let is_armed = self.vehicle.is_armed() == Some(true); // on the ground, as far as is known
+        if self.awaited_return.is_some() && is_armed && self.vehicle.meaning() == ModeMeaning::Returns {
+            return Ok(()); // it has come home, and disarms soon
+        }
         let position = self.position().filter(|_| self.has_current_position(now_s));
         let Self { preflight, vehicle, takeover, assignment, .. } = self;
         let clearance = preflight.judge(vehicle, position, takeover, assignment, now_s, orders)?;
@@ -214,7 +218,8 @@ impl VehicleControl {
     /// Whether one that is armed, and does not say where it is, may be.
     fn is_left_unseen(&self, now_s: f64) -> bool {
         let is_unseen = self.vehicle.is_armed() == Some(true) && !self.has_current_position(now_s);
-        is_unseen && self.may_be_left(ModeMeaning::FollowsOrders)
+        let is_left = |meaning| self.may_be_left(meaning);
+        is_unseen && [ModeMeaning::FollowsOrders, ModeMeaning::Unknown].into_iter().any(is_left)
     }
 
     fn may_be_left(&self, meaning: ModeMeaning) -> bool {

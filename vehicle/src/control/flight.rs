@@ -216,7 +216,8 @@ impl VehicleControl {
         if self.end_if_taken_over() {
             return;
         }
-        if self.vehicle.meaning() == ModeMeaning::Returns && !self.vehicle.is_in_doubt() {
+        let is_in_effect = self.vehicle.meaning() == ModeMeaning::Returns || self.takeover.has_seen_return();
+        if is_in_effect && !self.vehicle.is_in_doubt() {
             self.outbox.clear(); // a return that is repeated could undo the landing of a pilot, or of a failsafe
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);

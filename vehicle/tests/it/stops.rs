@@ -57,6 +57,7 @@ fn a_vehicle_that_has_come_home_meanwhile_has_landed() {
             assert!(flight.bridge.taken_over().is_empty(), "{beginning:?}: {:?}", flight.said);
         }
         assert_eq!(count(&flight, "is taken over"), 0, "{:?}", flight.said);
+        assert!(flight.bridge.has_landed(), "{beginning:?}: {:?}", flight.said);
     }
 }
 
@@ -181,6 +182,103 @@ fn a_vehicle_that_was_turned_off_and_armed_again_before_it_was_believed_to_be_ar
     }
 }
 
+/// The bridge hears that it is armed before the answer, which is late or lost.
+#[test]
+fn a_vehicle_whose_answer_is_late_and_that_was_turned_off_and_armed_again_is_not_taken_off() {
+    for (autopilot, heartbeat_s) in KINDS.into_iter().flat_map(|autopilot| [(autopilot, 0.2), (autopilot, 1.0)]) {
+        for (answer_loss, answer_delay_s) in [(1.0, 0.0), (0.0, 0.5)] {
+            for off_s in [0.8, 1.4, 2.0, 2.8].into_iter().filter(|off_s| *off_s >= 2.0 * heartbeat_s) {
+                let mut flight = flight_over(autopilot);
+                (flight.answer_loss, flight.answer_delay_s) = (answer_loss, answer_delay_s);
+                (flight.is_deaf, flight.heartbeat_s) = (heartbeat_s == 1.0, heartbeat_s);
+                flight.until(60.0, |flight| flight.bridge.control(0).vehicle.may_be_armed());
+                flight.advance(0.1);
+                flight.copter.disarm();
+                flight.advance(off_s);
+                flight.copter.is_armed = true; // by a pilot
+                flight.copter.boot_s -= 5.0;
+                flight.advance(10.0);
+                let what =
+                    format!("{autopilot:?}, {heartbeat_s} s, {answer_loss}, {answer_delay_s}, off for {off_s} s");
+                assert_eq!(flight.take_offs, 0, "{what}: {:?}", flight.said);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_that_was_turned_off_on_the_ground_and_is_armed_again_after_the_stop_gets_no_order() {
+    for autopilot in KINDS {
+        for is_take_off in [false, true] {
+            let mut flight = flight_over(autopilot);
+            flight.is_deaf = false;
+            flight.refused = Some(22);
+            flight.until(60.0, |flight| match is_take_off {
+                true => flight.take_offs > 0,
+                false => flight.bridge.control(0).vehicle.may_be_armed(),
+            });
+            flight.copter.disarm();
+            flight.advance(0.8);
+            let now_s = flight.now_s;
+            flight.bridge.return_home("the run is stopped", now_s);
+            flight.advance(0.3);
+            flight.copter.is_armed = true; // by a pilot
+            flight.orders.clear();
+            flight.advance(3.0);
+            assert!(flight.orders.is_empty(), "{autopilot:?}, {is_take_off}: {:?}, {:?}", flight.orders, flight.said);
+            assert_eq!(flight.bridge.taken_over(), [1], "{autopilot:?}, {is_take_off}: {:?}", flight.said);
+        }
+    }
+}
+
+#[test]
+fn a_pilot_of_an_unknown_autopilot_that_does_not_return_gets_no_further_order_to() {
+    for is_refused in [true, false] {
+        let mut flight = hovering(AutopilotKind::Other);
+        flight.fly_slot(1, Some(plan(50.0, 68.0)));
+        flight.answer_loss = if is_refused { 0.0 } else { 1.0 };
+        flight.refused = Order::Return.command();
+        let now_s = flight.now_s;
+        flight.bridge.return_home("the mission is over", now_s);
+        flight.advance(2.5);
+        flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(2.5);
+        flight.orders.clear();
+        flight.refused = None;
+        flight.advance(8.0);
+        assert!(flight.orders.is_empty(), "refused {is_refused}: {:?}, {:?}", flight.orders, flight.said);
+        assert_eq!(flight.copter.mode, CopterMode::Loiter);
+    }
+}
+
+#[test]
+fn an_unknown_autopilot_left_without_a_position_gets_no_heartbeats_in_the_end() {
+    let mut before = hovering(AutopilotKind::Other);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let mut flight = restarted(&before, RESTARTED);
+    flight.says_no_position = true;
+    flight.advance(160.0);
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld, "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_that_has_touched_down_on_its_return_as_the_bridge_is_restarted_is_not_taken_over() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    let now_s = before.now_s;
+    before.bridge.return_home("its battery is low", now_s);
+    before.fly_slot(1, None);
+    before.until(150.0, |before| !before.copter.is_armed);
+    (before.copter.is_armed, before.copter.boot_s) = (true, 5.0); // for some seconds yet
+    let mut flight = restarted(&before, RESTARTED);
+    flight.heartbeat_s = 0.2;
+    flight.hear(&Telemetry::InAir(false));
+    flight.advance(1.5);
+    flight.copter.is_armed = false;
+    flight.until(20.0, |flight| flight.bridge.has_landed());
+    assert!(count(&flight, "is taken over") == 0 && flight.orders.is_empty(), "{:?}", flight.said);
+    assert_eq!(flight.bridge.fates().collect::<Vec<_>>(), [Fate::Ended]);
+}
+
 #[test]
 fn late_copies_in_the_spool_up_are_no_takeover() {
     for autopilot in KINDS {
@@ -215,6 +313,30 @@ fn a_vehicle_that_disarms_as_the_run_stops_is_off_and_one_that_says_so_once_is_n
             flight.bridge.return_home("the run is stopped", now_s);
             flight.advance(2.5);
             assert!(flight.bridge.are_off().eq([is_off]), "{autopilot:?}, odd {is_odd}: {:?}", flight.said);
+        }
+    }
+}
+
+/// Reports of the mode come more often than heartbeats, and do not say whether it is armed.
+#[test]
+fn a_vehicle_that_disarms_between_two_heartbeats_as_the_run_stops_is_off_and_one_that_lands_is_not() {
+    for autopilot in KINDS {
+        for is_off in [true, false] {
+            let mut flight = hovering(autopilot);
+            flight.fly_slot(1, Some(plan(50.0, 62.0)));
+            flight.mode_s = Some(0.2);
+            flight.until(2.0, |flight| flight.steps.is_multiple_of(50)); // of its heartbeats
+            flight.advance(0.1);
+            if is_off {
+                flight.copter.disarm();
+            }
+            flight.advance(0.1);
+            let now_s = flight.now_s;
+            flight.bridge.return_home("the run is stopped", now_s);
+            flight.until(2.5, |flight| flight.bridge.is_homebound());
+            assert!(flight.bridge.are_off().eq([is_off]), "{autopilot:?}: {:?}", flight.said);
+            flight.until(150.0, |flight| flight.bridge.has_landed()); // as in the time of a fast simulation
+            assert!(flight.bridge.are_off().eq([is_off]), "{autopilot:?}: {:?}", flight.said);
         }
     }
 }
