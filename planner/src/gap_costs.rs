@@ -115,6 +115,7 @@ impl GapCosts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use skysink_common::scenario::Overrides;
 
     const AGES: ObjectiveWeights =
         ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
@@ -145,6 +146,21 @@ mod tests {
         assert_eq!(energies, [2.0, 3.5, 5.0, 5.0]);
         let neither_sends = [GapCosts { send: 0.0, ..costs }.of_visit(5.0, 10.0), costs.of_visit(0.0, 0.0)];
         assert_eq!(neither_sends, [2.0; 2]);
+    }
+
+    #[test]
+    fn energies_of_visits_are_weighted() {
+        let text =
+            "name = 'x'\nsensors.energy.capacity_j = 9.0\nsensors.energy.wake_j = 0.5\nsensors.energy.tx_w = 2.0\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let weights = ObjectiveWeights { energy_j: 4.0, ..AGES };
+        let costs = GapCosts::new(&weights, 1.0, None).with_energy(&weights, &scenario);
+        assert_eq!((costs.wake, costs.send), (2.0, 8.0 * scenario.link.comm_s));
+        let plain = Scenario::parse("name = 'x'\n", std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        assert_eq!(
+            GapCosts::new(&weights, 1.0, None).with_energy(&weights, &plain),
+            GapCosts::new(&weights, 1.0, None)
+        );
     }
 
     #[test]

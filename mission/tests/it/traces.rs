@@ -11,8 +11,14 @@ use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::trace::TraceHash;
 
+/// A name, a strategy, and keys of `[planner]`.
+type Strategy = (&'static str, &'static str, &'static str);
+
+/// A name, keys before the first table, and keys of `[area]`.
+type Model = (&'static str, &'static [&'static str], &'static str);
+
 /// The strategies, with an objective of their own.
-const STRATEGIES: [(&str, &str, &str); 7] = [
+const STRATEGIES: [Strategy; 7] = [
     ("gfs", "gfs", ""),
     ("edf", "edf", ""),
     ("mes", "mes", ""),
@@ -20,6 +26,18 @@ const STRATEGIES: [(&str, &str, &str); 7] = [
     ("horizon", "horizon", ""),
     ("offline", "offline", ""),
     ("collect", "horizon", "objective = 'collect'\n"),
+];
+
+/// Objectives of the planners that look ahead, over SNs with batteries and a deadline.
+const OBJECTIVES: [Strategy; 8] = [
+    ("horizon, age", "horizon", "objective = 'age'\n"),
+    ("offline, age", "offline", "objective = 'age'\n"),
+    ("horizon, peak age", "horizon", "objective = 'peak-age'\n"),
+    ("offline, peak age", "offline", "objective = 'peak-age'\n"),
+    ("horizon, deadline", "horizon", "objective = 'deadline'\n"),
+    ("offline, deadline", "offline", "objective = 'deadline'\n"),
+    ("horizon, sum", "horizon", "objective = { loss = 1.0, age = 0.2, energy_j = 500.0 }\n"),
+    ("offline, sum", "offline", "objective = { loss = 1.0, age = 0.2, energy_j = 500.0 }\n"),
 ];
 
 /// No-fly zones: a wall, and a hook.
@@ -43,8 +61,8 @@ const NODE_ENERGY: &str = "sensors.energy.capacity_j = 2.0\nsensors.energy.sleep
 /// Several UAVs that keep apart.
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
-/// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &[&str], &str); 18] = [
+/// The models.
+const MODELS: [Model; 18] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -111,7 +129,7 @@ const MODELS: [(&str, &[&str], &str); 18] = [
 ];
 
 /// The scenario of a strategy with a model.
-fn text((_, _, planner): (&str, &str, &str), (_, keys, area): (&str, &[&str], &str)) -> String {
+fn text((_, _, planner): Strategy, (_, keys, area): Model) -> String {
     format!(
         "name = 'trace'\nseed = 5\nslots = 80\narea.side_m = 200.0\n{}sensors.count = 60\n\
          sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 200\nplanner.offline.steps = 4000\n{}{}",
@@ -122,11 +140,7 @@ fn text((_, _, planner): (&str, &str, &str), (_, keys, area): (&str, &[&str], &s
 }
 
 /// The loss and the hash of a mission, in a line.
-fn line(
-    strategy: (&'static str, &'static str, &'static str),
-    model: (&str, &[&str], &str),
-    coordination: &str,
-) -> String {
+fn line(strategy: Strategy, model: Model, coordination: &str) -> String {
     let keys = if coordination.is_empty() { String::new() } else { format!("uav.coordination = '{coordination}'\n") };
     let scenario = scenario_of(&(text(strategy, model) + &keys), strategy.1);
     let mut mission = Mission::new(&scenario, &SensorList::of(&scenario).unwrap()).unwrap();
@@ -142,6 +156,17 @@ fn line(
     )
 }
 
+/// The other strategies, and the objectives, over one model each.
+fn further() -> impl Iterator<Item = (Strategy, Model, &'static str)> {
+    let is_further = |name: &&str| STRATEGIES.iter().all(|(_, strategy, _)| strategy != name);
+    let others = skysink_planner::strategies::names()
+        .into_iter()
+        .filter(is_further)
+        .map(|name| ((name, name, ""), MODELS[0], ""));
+    let model: Model = ("node energy, deadline", &[NODE_ENERGY, "sensors.deadline_s = 20.0\n"], "");
+    others.chain(OBJECTIVES.into_iter().map(move |strategy| (strategy, model, "")))
+}
+
 #[test]
 fn traces_are_the_recorded_ones() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/traces.txt");
@@ -153,6 +178,7 @@ fn traces_are_the_recorded_ones() {
             let strategies = move |coordination| STRATEGIES.map(|strategy| (strategy, model, coordination));
             coordinations.iter().flat_map(move |coordination| strategies(*coordination))
         })
+        .chain(further())
         .collect();
     let lines = cases.into_par_iter().map(|(strategy, model, coordination)| line(strategy, model, coordination));
     let found: String = lines.collect::<Vec<_>>().concat();

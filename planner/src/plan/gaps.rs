@@ -121,3 +121,25 @@ impl Objective for Gaps {
         ages + costs.loss * Loss::least(&sampling, &empties, slots, blocks)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::tests::model_of;
+    use crate::settings::ObjectiveWeights;
+
+    #[test]
+    fn a_visit_saves_what_a_gap_costs_more_than_its_two_parts() {
+        let mut sensor = model_of(&[([200.0, 200.0], 500.0)], 1, 5e6).sensors[0].clone();
+        let weights =
+            ObjectiveWeights { loss: 0.0, age: 2.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
+        sensor.costs = GapCosts::new(&weights, 1.0, None);
+        sensor.weight = 3.0;
+        let level = GapLevel { empty: 2.0, last: 2.0 };
+        // After 8 and 7 slots more: 2 (15·14 − 8·7 − 7·6)/2 = 112.
+        let (saved, left) = Gaps::saving(&sensor, level, 10.0, f64::INFINITY, 7.0);
+        assert_eq!((saved, left), (112.0 * 3.0, 0.0));
+        sensor.mean_bits = 0.0;
+        assert_eq!(Gaps::begin(&sensor, 9.0, 4.0), GapLevel { empty: 0.0, last: -4.0 }, "it samples nothing");
+    }
+}

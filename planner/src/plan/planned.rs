@@ -83,3 +83,44 @@ pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> 
     path.truncate(MAX_PATH_POINTS - 1);
     path
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use skysink_common::message::SensorNode;
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::stop::Stop;
+
+    use super::*;
+    use crate::gap_costs::GapCosts;
+    use crate::mission_table::MissionTable;
+    use crate::plan::groups::PlannedStop;
+    use crate::plan::objective::Loss;
+    use crate::plan::tests::window_of;
+
+    #[test]
+    fn a_path_goes_around_zones_between_the_stops() {
+        let path = |zones: &str| {
+            let text = format!("name = 'x'\narea.side_m = 400.0\n{zones}");
+            let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
+            let node = |x_m: f64| SensorNode {
+                x_m,
+                y_m: 200.0,
+                gain: 10f64.powf(-5.2),
+                sampling_bps: 500.0,
+                capacity_bits: 30_000,
+                ..SensorNode::default()
+            };
+            let table = MissionTable::of(&scenario, &[260.0, 330.0].map(node));
+            let model = PlanModel::new::<Loss>(&scenario, &table, &GapCosts::LOSS, true, &Stop::default());
+            let mut forecast = Forecast::new(&model, window_of(&model, 30));
+            forecast.load(&model, [0, 1].map(PlannedStop::at));
+            let path = planned_path(&model, &forecast);
+            assert!(path.windows(2).all(|way| model.table.airspace.is_free(&way[0], &way[1])), "{path:?}");
+            path.len()
+        };
+        assert_eq!(path(""), 2);
+        assert_eq!(path("area.no_fly = [{ polygon_m = [[285, 150], [295, 150], [295, 240], [285, 240]] }]\n"), 4);
+    }
+}

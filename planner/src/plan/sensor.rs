@@ -88,3 +88,17 @@ pub fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> f64 {
         0.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrivals_at_random_have_the_variance_of_their_law_in_slots_of_sampling() {
+        // Packets of 6 bit, 2 bit in a mean slot: 12 bit² in a slot are 3 slots², of which three times count.
+        let packets = ArrivalLaw::Packets { packet_bits: 6.0 };
+        assert_eq!(noise_slots2(packets, 2.0, 10.0), 9.0);
+        assert_eq!(noise_slots2(packets, 0.0, 10.0), 0.0);
+        assert_eq!(noise_slots2(ArrivalLaw::Constant, 2.0, 10.0), 0.0);
+    }
+}
