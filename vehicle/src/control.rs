@@ -129,6 +129,8 @@ pub struct VehicleControl {
     has_said_checked: bool,
     /// Whether a return had no effect, so that it was ordered again.
     has_repeated_return: bool,
+    /// Whether a return was not answered, and the mode of an unknown autopilot has changed, whatever to.
+    is_return_unclear: bool,
     /// Whether it has said where it is, and does not any more.
     is_blind: bool,
     /// Whether all vehicles are checked, so that it may be armed.
@@ -172,6 +174,7 @@ impl VehicleControl {
             is_checked: false,
             has_said_checked: false,
             has_repeated_return: false,
+            is_return_unclear: false,
             is_blind: false,
             may_arm: false,
             said: Said::default(),

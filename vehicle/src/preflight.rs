@@ -192,12 +192,17 @@ impl Preflight {
         let name = vehicle.mode_name();
         let is_in_air = vehicle.is_in_air();
         let is_left = is_in_air && vehicle.meaning() == ModeMeaning::FollowsOrders;
+        let awaits_landing = match assignment.beginning {
+            Beginning::Resumed => true,
+            Beginning::Restarted { in_mission: false } => !assignment.was_armed, // as the bridge before did
+            _ => false,
+        };
         match assignment.beginning {
             Beginning::New => {
                 let state = if is_in_air { "in the air" } else { "armed" };
                 refuse(format!("it is {state} ({name}): expected it on the ground, disarmed"))
             }
-            Beginning::Resumed if vehicle.meaning() == ModeMeaning::Returns => Ok(Clearance::Wait("to land")),
+            _ if awaits_landing && vehicle.meaning() == ModeMeaning::Returns => Ok(Clearance::Wait("to land")),
             Beginning::Resumed if !is_left => refuse(format!(
                 "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
             )),

@@ -78,6 +78,7 @@ impl SavedVehicles {
             }
         }
         let has_chosen_before = vehicles.iter().any(|vehicle| vehicle.chosen.is_some());
+        let begins_run = !is_restarted || vehicles.is_empty(); // then the bridge before has not polled
         let run = record_path(folder);
         let ended = run.as_deref().and_then(|run| ended_in(run).ok()).unwrap_or_default();
         Self {
@@ -88,7 +89,7 @@ impl SavedVehicles {
             has_chosen_before,
             taken_over,
             said: Vec::new(),
-            begins_run: !is_restarted,
+            begins_run,
         }
     }
 
@@ -215,6 +216,7 @@ mod tests {
         std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
         let save = |is_restarted: bool, has_begun: bool, polls: &[[Fate; 3]]| {
             let mut saved = SavedVehicles::of(ring.path(), is_restarted, 3);
+            assert!(saved.save(vec![UNKNOWN; 3]));
             let is_end = |_, fate| matches!(fate, Fate::Ended | Fate::Returns);
             polls.iter().for_each(|fates| saved.save_ended(fates.iter().copied(), has_begun, is_end));
             ended_in(run.path()).unwrap()
@@ -227,6 +229,11 @@ mod tests {
             assert_eq!(next, [Fate::Returns, Fate::Open, Fate::Open], "a bridge that is restarted does not forget it");
         }
         assert_eq!(saved_by(&[[Fate::Open; 3]]), [Fate::Open; 3], "it flies again");
+        save(false, true, &[[Fate::Returns, Fate::Open, Fate::Open]]);
+        std::fs::remove_file(ring.path().join(VEHICLES)).unwrap(); // the first bridge of a run died before it polled
+        let mut saved = SavedVehicles::of(ring.path(), true, 3);
+        saved.save_ended([Fate::Open; 3].into_iter(), true, |_, _| true);
+        assert_eq!(ended_in(run.path()).unwrap(), [Fate::Open; 3], "it flies again");
         let returns = [Fate::Returns, Fate::Ended, Fate::Open];
         assert_eq!(save(false, false, &[returns]), [Fate::Open; 3], "before its mission");
         assert_eq!(saved_by(&[[Fate::Ended, Fate::Left, Fate::Open]]), [Fate::Ended, Fate::Left, Fate::Open]);

@@ -21,6 +21,10 @@ enum Explained {
     Returning {
         /// The mode before, if it was known.
         own: Option<u32>,
+        /// The one that it was found in, if none that follows orders was seen since.
+        found: Option<u32>,
+        /// Whether an unknown autopilot may have changed its mode itself, as at the end of a climb.
+        is_unclear: bool,
         /// The mode in which it is in effect.
         seen: Option<u32>,
     },
@@ -57,8 +61,12 @@ impl Takeover {
             Order::Arm if self.arming == Arming::NotOrdered => self.arming = Arming::Ordered,
             Order::TakeOff(_) => self.has_ordered_take_off = true,
             Order::Return if !matches!(self.modes, Explained::Returning { .. }) => {
-                let own = if let Explained::Following(mode) = self.modes { Some(mode) } else { None };
-                self.modes = Explained::Returning { own, seen: None };
+                let (own, found) = match self.modes {
+                    Explained::Following(mode) => (Some(mode), None),
+                    Explained::Found(mode) | Explained::Changing(mode) => (None, Some(mode)),
+                    _ => (None, None),
+                };
+                self.modes = Explained::Returning { own, found, is_unclear: false, seen: None };
             }
             _ => {}
         }
@@ -127,6 +135,11 @@ impl Takeover {
         matches!(self.modes, Explained::Returning { seen: Some(_), .. })
     }
 
+    /// Whether that may have been another change of the mode of an unknown autopilot.
+    pub fn is_return_unclear(&self) -> bool {
+        matches!(self.modes, Explained::Returning { is_unclear: true, .. })
+    }
+
     /// Why somebody else flies the vehicle, in words after "is taken over:"; `None` if orders explain what it reports.
     pub fn check(&mut self, vehicle: &VehicleState) -> Option<String> {
         let (autopilot, mode) = (vehicle.autopilot?, vehicle.mode()?);
@@ -155,16 +168,17 @@ impl Takeover {
                 mode == found || is_following || autopilot == AutopilotKind::Other
             }
             Explained::Following(own) => is_following || autopilot == AutopilotKind::Other && mode == own,
-            Explained::Returning { own, seen } => {
+            Explained::Returning { own, found, is_unclear, seen } => {
+                let is_unclear = is_unclear || own.is_none() && autopilot == AutopilotKind::Other;
                 let own = own.or(Some(mode)); // before the order can have had an effect
-                self.modes = Explained::Returning { own, seen };
+                self.modes = Explained::Returning { own, found, is_unclear, seen };
                 let (is_return, is_before) = match autopilot {
                     AutopilotKind::Other => (seen.is_none_or(|seen| seen == mode), own == Some(mode)),
-                    _ => (meaning == ModeMeaning::Returns, is_following),
+                    _ => (meaning == ModeMeaning::Returns, is_following || found == Some(mode) && !vehicle.is_in_air()),
                 };
                 let is_before = is_before && seen.is_none();
                 if is_return && !is_before {
-                    self.modes = Explained::Returning { own, seen: seen.or(Some(mode)) };
+                    self.modes = Explained::Returning { own, found, is_unclear, seen: seen.or(Some(mode)) };
                 }
                 is_return || is_before
             }

@@ -11,6 +11,9 @@ use crate::telemetry::{Fix, Order};
 /// Time without a message after which a vehicle gets no heartbeats until it is heard [s].
 const ABANDONED_S: f64 = 10.0;
 
+/// How late heartbeats may come [s].
+const LATE_S: f64 = 0.5;
+
 /// Time after which a vehicle that does not return gets no heartbeats until it does [s].
 const RETURN_S: f64 = 30.0;
 
@@ -91,7 +94,7 @@ impl VehicleControl {
     /// Whether it was armed, and says that it is not any more, believed or not: it did not land by an order to return, as no
     /// heartbeat since that said that it was armed.
     pub fn says_off(&self) -> bool {
-        let was_on_after = |returns_s| self.vehicle.armed_s.is_some_and(|armed_s| armed_s >= returns_s);
+        let was_on_after = |returns_s| self.vehicle.armed_s.is_some_and(|armed_s| armed_s >= returns_s + LATE_S);
         self.is_committed() && self.vehicle.says_off() && !self.returns_s.is_some_and(was_on_after)
     }
 
@@ -123,7 +126,7 @@ impl VehicleControl {
     /// Whether the orders to return have had no effect for long.
     fn does_not_return(&self, now_s: f64) -> bool {
         let is_late = self.returns_s.is_some_and(|returns_s| now_s - returns_s >= RETURN_S);
-        is_late && self.is_unflown() && !self.takeover.has_seen_return()
+        is_late && self.is_unflown() && (self.is_return_unclear || !self.takeover.has_seen_return())
     }
 
     /// Whether its mode, as far as it is known, is not one of others, nor a return.
@@ -195,9 +198,12 @@ impl VehicleControl {
     /// Whether it flies home, as far as it says so, is flown by others, or has landed. A heartbeat since the order has said
     /// whether it is armed at all.
     pub fn is_homebound(&self) -> bool {
-        let is_confirmed = !self.outbox.has(&Order::Return) || self.vehicle.meaning() == ModeMeaning::Returns;
+        let is_answered = !self.outbox.has(&Order::Return) && !self.is_return_unclear;
+        let is_confirmed = is_answered || self.vehicle.meaning() == ModeMeaning::Returns;
         self.is_withheld()
             || matches!(self.phase, Phase::Landed | Phase::TakenOver)
-            || self.phase == Phase::Returning && is_confirmed && self.vehicle.heartbeat_s >= self.returns_s
+            || self.phase == Phase::Returning
+                && is_confirmed
+                && self.vehicle.heartbeat_s >= self.returns_s.map(|returns_s| returns_s + LATE_S)
     }
 }

@@ -75,7 +75,8 @@ impl VehicleControl {
     /// Ends the mission of a vehicle in the air, in the mode that follows orders, that is to return, or does not pass the
     /// checks. Returns whether.
     fn end_in_air(&mut self, now_s: f64) -> bool {
-        if self.has_seen_return {
+        // Where the mode is not known, it may still return.
+        if self.has_seen_return && self.vehicle.meaning() == ModeMeaning::FollowsOrders {
             self.give_up("its return was stopped without an order of the bridge");
             return true;
         }

@@ -218,6 +218,7 @@ impl VehicleControl {
         }
         let is_in_effect = self.vehicle.meaning() == ModeMeaning::Returns || self.takeover.has_seen_return();
         if is_in_effect && !self.vehicle.is_in_doubt() {
+            self.is_return_unclear |= self.takeover.is_return_unclear() && self.outbox.has(&Order::Return);
             self.outbox.clear(); // a return that is repeated could undo the landing of a pilot, or of a failsafe
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);

@@ -280,6 +280,82 @@ fn a_vehicle_that_has_touched_down_on_its_return_as_the_bridge_is_restarted_is_n
 }
 
 #[test]
+fn a_vehicle_that_returns_and_does_not_say_where_it_is_as_the_bridge_is_restarted_is_not_taken_over() {
+    for autopilot in [AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other] {
+        let mut before = hovering(autopilot);
+        before.fly_slot(1, Some(plan(50.0, 90.0)));
+        let now_s = before.now_s;
+        before.bridge.return_home("its battery is low", now_s);
+        before.advance(3.6);
+        let mut flight = restarted(&before, RESTARTED);
+        (flight.is_deaf, flight.says_no_position) = (true, true);
+        flight.until(3.0, |flight| flight.bridge.control(0).vehicle.autopilot.is_some());
+        flight.copter.change_to(CopterMode::Land); // the last part of its return
+        flight.advance(160.0);
+        assert_eq!(count(&flight, "is taken over"), 0, "{autopilot:?}: {:?}", flight.said);
+        assert_ne!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Due, "{autopilot:?}");
+    }
+}
+
+/// Its modes of take-off and of hovering are not known; the order to return is refused, or lost.
+#[test]
+fn an_unknown_autopilot_whose_mode_changes_itself_in_its_climb_is_not_taken_for_one_that_returns() {
+    let mut flight = flight_over(AutopilotKind::Other);
+    flight.until(60.0, |flight| flight.take_offs > 0);
+    flight.copter.mode = CopterMode::Loiter; // that of its take-off
+    flight.until(60.0, |flight| flight.copter.body.position_m.z > 5.0);
+    flight.refused = Order::Return.command();
+    flight.answer_loss = 1.0;
+    let now_s = flight.now_s;
+    flight.bridge.return_home("its battery is low", now_s);
+    flight.until(3.0, |flight| flight.orders.iter().any(|(_, order)| *order == Order::Return));
+    flight.advance(0.2);
+    flight.copter.mode = CopterMode::Guided; // it hovers
+    flight.advance(2.5);
+    assert!(!flight.bridge.is_homebound(), "{:?}", flight.said);
+    flight.orders.clear();
+    flight.advance(30.0);
+    assert!(flight.orders.is_empty(), "it may be a pilot: {:?}", flight.orders);
+    assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), Heartbeats::Withheld, "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_whose_run_is_stopped_between_arming_and_take_off_is_not_taken_over() {
+    for (autopilot, is_deaf) in KINDS.into_iter().flat_map(|autopilot| [(autopilot, false), (autopilot, true)]) {
+        for tenths in 0..30 {
+            let mut flight = flight_over(autopilot);
+            flight.is_deaf = is_deaf;
+            flight.answer_delay_s = 0.1;
+            flight.until(60.0, |flight| flight.copter.is_armed);
+            flight.advance(f64::from(tenths) / 10.0);
+            let now_s = flight.now_s;
+            flight.bridge.return_home("the run is stopped", now_s);
+            flight.advance(2.5);
+            assert_eq!(count(&flight, "is taken over"), 0, "{autopilot:?}, {tenths}: {:?}", flight.said);
+        }
+    }
+}
+
+#[test]
+fn a_restarted_bridge_of_a_resumed_run_waits_for_the_landing_as_the_one_before_did() {
+    for autopilot in KINDS {
+        let mut before = hovering(autopilot);
+        before.fly_slot(1, Some(plan(50.0, 62.0)));
+        let now_s = before.now_s;
+        before.bridge.return_home("the run is stopped", now_s);
+        before.until(2.5, |before| before.bridge.is_homebound());
+        let mut resumed = restarted(&before, Beginning::Resumed);
+        resumed.is_a(autopilot);
+        resumed.advance(3.0);
+        assert_eq!(resumed.bridge.control(0).missing(), Some("to land"));
+        let mut flight = restarted(&resumed, BEFORE_SLOT);
+        flight.is_a(autopilot);
+        flight.until(200.0, |flight| flight.bridge.has_begun());
+        assert_eq!(count(&flight, "is taken over"), 0, "{autopilot:?}: {:?}", flight.said);
+    }
+}
+
+#[test]
 fn late_copies_in_the_spool_up_are_no_takeover() {
     for autopilot in KINDS {
         let mut flight = flight_over(autopilot);
@@ -321,18 +397,23 @@ fn a_vehicle_that_disarms_as_the_run_stops_is_off_and_one_that_says_so_once_is_n
 #[test]
 fn a_vehicle_that_disarms_between_two_heartbeats_as_the_run_stops_is_off_and_one_that_lands_is_not() {
     for autopilot in KINDS {
-        for is_off in [true, false] {
+        for (is_off, is_late) in [(true, false), (true, true), (false, false)] {
             let mut flight = hovering(autopilot);
             flight.fly_slot(1, Some(plan(50.0, 62.0)));
             flight.mode_s = Some(0.2);
             flight.until(2.0, |flight| flight.steps.is_multiple_of(50)); // of its heartbeats
             flight.advance(0.1);
+            let mode = flight.mode();
             if is_off {
                 flight.copter.disarm();
             }
             flight.advance(0.1);
             let now_s = flight.now_s;
             flight.bridge.return_home("the run is stopped", now_s);
+            flight.advance(0.1);
+            if is_late {
+                flight.hear(&Telemetry::Heartbeat { autopilot, mode, is_armed: true, is_booting: false }); // of before
+            }
             flight.until(2.5, |flight| flight.bridge.is_homebound());
             assert!(flight.bridge.are_off().eq([is_off]), "{autopilot:?}: {:?}", flight.said);
             flight.until(150.0, |flight| flight.bridge.has_landed()); // as in the time of a fast simulation
