@@ -156,15 +156,19 @@ fn line(strategy: Strategy, model: Model, coordination: &str) -> String {
     )
 }
 
-/// The other strategies, and the objectives, over one model each.
+/// The other strategies, the objectives, links that carry little, and a fleet that lands in one base, over few models each.
 fn further() -> impl Iterator<Item = (Strategy, Model, &'static str)> {
+    const ENERGY: Model = ("node energy, deadline", &[NODE_ENERGY, "sensors.deadline_s = 20.0\n"], "");
+    const NARROW: Model = ("narrow link", &["link.bandwidth_hz = 2e3\n"], "");
+    const LANDING: Model = ("fleet that lands", &[FLEET, "base.radius_m = 10.0\nuav.must_land = true\n"], "");
     let is_further = |name: &&str| STRATEGIES.iter().all(|(_, strategy, _)| strategy != name);
-    let others = skysink_planner::strategies::names()
-        .into_iter()
-        .filter(is_further)
-        .map(|name| ((name, name, ""), MODELS[0], ""));
-    let model: Model = ("node energy, deadline", &[NODE_ENERGY, "sensors.deadline_s = 20.0\n"], "");
-    others.chain(OBJECTIVES.into_iter().map(move |strategy| (strategy, model, "")))
+    let others = skysink_planner::strategies::names().into_iter().filter(is_further).map(|name| (name, name, ""));
+    let others: Vec<Strategy> = others.collect();
+    let all = others.iter().copied().chain(STRATEGIES);
+    let narrow: Vec<_> = all.map(|strategy| (strategy, NARROW, "")).collect();
+    let landing = STRATEGIES.map(|strategy| (strategy, LANDING, "sequential"));
+    let open = others.into_iter().map(|strategy| (strategy, MODELS[0], ""));
+    open.chain(OBJECTIVES.map(|strategy| (strategy, ENERGY, ""))).chain(narrow).chain(landing)
 }
 
 #[test]
