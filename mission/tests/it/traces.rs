@@ -159,7 +159,7 @@ fn line(strategy: Strategy, model: Model, coordination: &str) -> String {
 /// The other strategies, the objectives, links that carry little, and a fleet that lands in one base, over few models each.
 fn further() -> impl Iterator<Item = (Strategy, Model, &'static str)> {
     const ENERGY: Model = ("node energy, deadline", &[NODE_ENERGY, "sensors.deadline_s = 20.0\n"], "");
-    const NARROW: Model = ("narrow link", &["link.bandwidth_hz = 2e3\n"], "");
+    const NARROW: Model = ("narrow link", &["link.bandwidth_hz = 2e3\nlink.resource_blocks = 2\n"], "");
     const LANDING: Model = ("fleet that lands", &[FLEET, "base.radius_m = 10.0\nuav.must_land = true\n"], "");
     let is_further = |name: &&str| STRATEGIES.iter().all(|(_, strategy, _)| strategy != name);
     let others = skysink_planner::strategies::names().into_iter().filter(is_further).map(|name| (name, name, ""));
