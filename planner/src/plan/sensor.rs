@@ -95,9 +95,9 @@ mod tests {
 
     #[test]
     fn arrivals_at_random_have_the_variance_of_their_law_in_slots_of_sampling() {
-        // Packets of 6 bit, 2 bit in a mean slot: 12 bit² in a slot are 3 slots², of which three times count.
+        // Packets of 6 bit, 3 bit in a mean slot: 18 bit² in a slot are 2 slots², of which three times count.
         let packets = ArrivalLaw::Packets { packet_bits: 6.0 };
-        assert_eq!(noise_slots2(packets, 2.0, 10.0), 9.0);
+        assert_eq!(noise_slots2(packets, 3.0, 10.0), 6.0);
         assert_eq!(noise_slots2(packets, 0.0, 10.0), 0.0);
         assert_eq!(noise_slots2(ArrivalLaw::Constant, 2.0, 10.0), 0.0);
     }
