@@ -17,7 +17,7 @@ pub enum Frame {
 }
 
 /// Farthest from the origin along an axis [m]: more than two ways around the Earth.
-pub const MOST_M: f64 = 1e8;
+const MOST_M: f64 = 1e8;
 
 impl Frame {
     /// Checks two coordinates.

@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_visit_saves_what_a_gap_costs_more_than_its_two_parts() {
-        let mut sensor = model_of(&[([200.0, 200.0], 500.0)], 1, 5e6).sensors[0].clone();
+        let mut sensor = model_of(&[([200.0, 200.0], 500.0)], 1, 5e6).sensors[0];
         let weights =
             ObjectiveWeights { loss: 0.0, age: 2.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
         sensor.costs = GapCosts::new(&weights, 1.0, None);
