@@ -159,7 +159,7 @@ pub fn a_vehicle_that_is_not_there_is_named_by_its_address() {
     place.write("slow.toml", SLOW);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let address = format!("udpin:127.0.0.1:{port}?system=3");
-    let flight = place.flight("slow").without_viewer().pace("20x").timeout("2").vehicle(&address);
+    let flight = place.flight("slow").without_viewer().pace("20x").timeout("4").vehicle(&address);
     let ended = flight.try_run().assert_code(1);
     assert!(ended.stderr.contains(&format!("vehicle 1: no vehicle was heard at {address} for ")), "{ended:?}");
 }
