@@ -360,7 +360,9 @@ mod tests {
         assert_eq!(one.address(1), address(1));
         let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
         assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
-        assert_eq!(one.clone().hear(1, address(9), None, 3.0), Sender::Moved, "it was silent from then on");
+        let mut moved = one.clone();
+        assert_eq!(moved.hear(1, address(9), None, 3.0), Sender::Moved, "it was silent from then on");
+        assert_eq!(moved.choose(Some(1), 9.0, |_| None), Ok(Some(1)), "it is heard from there alone");
         assert_eq!(one.hear(1, address(1), None, 3.3), Sender::Known);
         assert_eq!(one.clone().hear(1, address(9), None, 5.3), Sender::Moved, "that one came late");
         assert_eq!(one.hear(1, address(1), None, 3.5), Sender::Known);
@@ -400,6 +402,8 @@ mod tests {
             (Some(fix(47.0, 60.0)), Sender::Unproven),  // of another clock
             (Some(fix(47.1, 110.0)), Sender::Unproven), // 11 km away
             (Some(fix(47.001, 110.0)), Sender::Moved),
+            (Some(Fix { lon_deg: 8.004, ..fix(47.0, 110.0) }), Sender::Moved), // 303 m, of 320
+            (Some(Fix { lon_deg: 8.0043, ..fix(47.0, 110.0) }), Sender::Unproven),
             (Some(fix(47.0, 111.15)), Sender::Moved), // 1 s, and 2 % of 10 s
             (Some(fix(47.0, 111.25)), Sender::Unproven),
         ] {

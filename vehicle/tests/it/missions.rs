@@ -7,6 +7,7 @@ use skysink_flight_sim::outside::REACHED_M;
 use skysink_kinematic_vehicle::KinematicOptions;
 use skysink_kinematic_vehicle::autopilot::{CopterMode, Given};
 use skysink_vehicle::autopilot::AutopilotKind;
+use skysink_vehicle::bridge::SlotEnds;
 use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
 
 use crate::flight::{ClosedLoop, RESTARTED, plan, scenario};
@@ -92,6 +93,17 @@ fn a_waypoint_is_not_reached_too_low() {
     assert_eq!((report.mode, report.hold), (Mode::EnRoute as u32, HoldReason::None as u32), "{report:?}");
     let reached = flight.bridge.ends;
     assert!((reached.flown, reached.reached) == (1, 0) && reached.farthest_m > 8.0, "{reached:?}");
+}
+
+#[test]
+fn the_share_of_waypoints_that_were_reached_is_said() {
+    let ends = SlotEnds { flown: 4, reached: 3, farthest_m: 9.0, doubtful: 0 };
+    assert_eq!(ends.said(), ["75.0 % of 4 slots ended within 2 m of the waypoint, the farthest 9.0 m from it"]);
+    let none = SlotEnds { doubtful: 2, ..SlotEnds::default() };
+    let doubtful =
+        "in 2 slots with a waypoint the position was not known or not believed: they are not counted as flown";
+    assert_eq!(none.said(), [doubtful]);
+    assert_eq!(SlotEnds::default().said(), ["no slot was flown to a waypoint"]);
 }
 
 #[test]
