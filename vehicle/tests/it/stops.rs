@@ -356,6 +356,39 @@ fn a_restarted_bridge_of_a_resumed_run_waits_for_the_landing_as_the_one_before_d
 }
 
 #[test]
+fn a_vehicle_that_is_checked_and_was_not_ordered_to_arm_is_not_told_to_return() {
+    for autopilot in KINDS {
+        let mut flight = flight_over(autopilot);
+        flight.until(60.0, |flight| flight.bridge.control(0).phase() == Phase::Arming);
+        assert!(!flight.orders.iter().any(|(_, order)| *order == Order::Arm), "{autopilot:?}");
+        let now_s = flight.now_s;
+        flight.bridge.return_home("the run is stopped", now_s);
+        flight.advance(2.5);
+        let order = flight.orders.iter().find(|(_, order)| matches!(order, Order::Arm | Order::Return));
+        assert_eq!(
+            (order, flight.bridge.control(0).phase()),
+            (None, Phase::Landed),
+            "{autopilot:?}: {:?}",
+            flight.said
+        );
+    }
+}
+
+#[test]
+fn a_mission_that_had_ended_before_a_restart_had_begun_if_slots_were_flown() {
+    for (beginning, is_begun) in [(RESTARTED, true), (BEFORE_SLOT, false)] {
+        for fate in [Fate::Returns, Fate::Ended, Fate::Left, Fate::Abandoned] {
+            let options = KinematicOptions::default();
+            let reports = ClosedLoop::new(&options, 0.0).reports;
+            let mut flight = ClosedLoop::after(&scenario(""), &options, 0.0, reports.clone(), beginning);
+            let history = History { was_armed: true, fate, ..History::default() };
+            flight.bridge.go_on(std::iter::once(history), 1, &reports);
+            assert_eq!(flight.bridge.control(0).has_begun(), is_begun, "{beginning:?}, {fate:?}");
+        }
+    }
+}
+
+#[test]
 fn late_copies_in_the_spool_up_are_no_takeover() {
     for autopilot in KINDS {
         let mut flight = flight_over(autopilot);
