@@ -5,5 +5,6 @@ mod fleets;
 mod flight;
 mod missions;
 mod pilot;
+mod rearmed;
 mod restarts;
 mod stops;
