@@ -57,6 +57,13 @@ fn copy_of(name: &str) -> (tempfile::TempDir, Library) {
     (folder, library)
 }
 
+/// The small instance of a library, with its best known flight.
+fn known_in(library: &Library) -> (Instance, FlownFlight) {
+    let instance = library.find(SMALL).unwrap();
+    let known = library.verify_best(&instance, &stop()).unwrap().unwrap();
+    (instance, known)
+}
+
 /// The plans of the best known flight of an instance, as text.
 fn plans_of(name: &str) -> String {
     text_of(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("best/{name}.csv.gz")))
@@ -153,8 +160,7 @@ fn a_run_has_the_value_of_its_plan_file() {
 #[test]
 fn a_better_flight_takes_the_place_of_the_best_known_one() {
     let (folder, library) = copy_of(SMALL);
-    let instance = library.find(SMALL).unwrap();
-    let known = library.verify_best(&instance, &stop()).unwrap().unwrap();
+    let (instance, known) = known_in(&library);
     let claim = || Claim { by: "somebody".to_owned(), cost: "nothing".to_owned() };
     let again = known.submit(claim()).unwrap_err().to_string();
     assert!(again.contains("expected a better one than"), "{again}");
@@ -183,8 +189,7 @@ fn a_better_flight_takes_the_place_of_the_best_known_one() {
 #[test]
 fn a_flight_of_which_no_better_one_can_be_is_submitted_with_its_bound_and_no_value_beyond_a_bound_is_believed() {
     let (folder, library) = copy_of(SMALL);
-    let instance = library.find(SMALL).unwrap();
-    let known = library.verify_best(&instance, &stop()).unwrap().unwrap();
+    let (instance, known) = known_in(&library);
     let file = folder.path().join(format!("best/{SMALL}.toml"));
     let text = fs::read_to_string(&file).unwrap();
     fs::write(&file, text.replace("bound = 0.", "bound = 0.9")).unwrap();
@@ -217,8 +222,7 @@ fn a_library_that_cannot_be_read_is_not_an_empty_one() {
 #[test]
 fn a_record_whose_plans_are_lost_is_noticed_and_replaced_and_nothing_is_left_beside_it() {
     let (folder, library) = copy_of(SMALL);
-    let instance = library.find(SMALL).unwrap();
-    let known = library.verify_best(&instance, &stop()).unwrap().unwrap();
+    let (instance, known) = known_in(&library);
     let best = folder.path().join("best");
     // As after two renames of which a killed process has done one.
     fs::write(best.join(format!("{SMALL}.csv.gz")), "those of another flight").unwrap();
