@@ -48,7 +48,7 @@ Examples:
 
 The paper is the UTS letter, arXiv 2103.00753.
 
-Exit codes: 0 success, 1 failure while running, 2 bad input or usage, 130 Ctrl-C, 143 SIGTERM."
+Exit codes: 0 success, 1 failure while running, 2 bad input or usage, 129 hang-up, 130 Ctrl-C, 143 SIGTERM."
 )]
 struct Cli {
     #[command(subcommand)]

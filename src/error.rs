@@ -134,7 +134,7 @@ pub enum LeftToFly {
     /// Nothing: all slots are recorded.
     Nothing,
     /// Slots that are not flown, as somebody else flies a vehicle.
-    TakenOver,
+    Overridden,
 }
 
 impl From<MissionError> for Error {
@@ -168,8 +168,10 @@ impl Error {
         let left = match (left, &self) {
             _ if slots == 0 => "no slot was flown".to_owned(),
             (LeftToFly::Nothing, _) => format!("all {slots} slots are recorded"),
-            (LeftToFly::TakenOver, _) => {
-                format!("the run is recorded up to slot {slots}; it is not resumed, as a vehicle was taken over")
+            (LeftToFly::Overridden, _) => {
+                format!(
+                    "the run is recorded up to slot {slots}; it is not resumed, as others fly a vehicle, or none flies any more"
+                )
             }
             (LeftToFly::Slots { options }, Self::Mission(MissionError::File { source, .. }))
                 if FileChange::is_cause_of(source) =>

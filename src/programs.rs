@@ -66,8 +66,8 @@ pub fn planner(arguments: Vec<OsString>) -> u8 {
 #[derive(Debug, clap::Args)]
 struct BridgeArguments {
     /// MAVLink addresses of the vehicles: one for all, as the systems 1 to U, or one for each.
-    #[arg(long, value_name = "ADDRESS", required = true, value_delimiter = ',')]
-    connect: Vec<skysink_vehicle::wire::WireAddress>,
+    #[arg(long, value_name = "ADDRESS")]
+    connect: skysink_vehicle::wire::WireAddresses,
 }
 
 /// Runs mavlink, the bridge to vehicles, with these arguments, and returns its exit code.
@@ -75,6 +75,6 @@ struct BridgeArguments {
 #[must_use]
 pub fn mavlink(arguments: Vec<OsString>) -> u8 {
     worker::run(Role::FlightSim, arguments, |scenario, folder, stop, BridgeArguments { connect }: &_| {
-        skysink_vehicle::node::run::<ipc::Service>(scenario, folder, stop, connect)
+        skysink_vehicle::node::run::<ipc::Service>(scenario, folder, stop, &connect.0)
     })
 }

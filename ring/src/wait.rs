@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use serde::{Deserialize, Serialize};
-use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use skysink_common::stop::Stop;
 use strum::{Display, EnumString, VariantArray, VariantNames};
@@ -93,7 +93,16 @@ impl Waiting {
     }
 }
 
-/// A [`Stop`] that SIGINT and SIGTERM request. From here on, a write beyond the limit `ulimit -f` is an error instead
+/// The signals that end a process in order: Ctrl-C, a request to end, and, unless it is ignored as under `nohup`, the end of
+/// its terminal.
+fn ending_signals() -> impl Iterator<Item = i32> {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    let is_ignored = ignored.is_some_and(|mask| mask & 1 << (SIGHUP - 1) != 0);
+    [SIGINT, SIGTERM].into_iter().chain((!is_ignored).then_some(SIGHUP))
+}
+
+/// A [`Stop`] that SIGINT, SIGTERM and the end of the terminal (SIGHUP) request. From here on, a write beyond the limit `ulimit -f` is an error instead
 /// of the end of the process without a word.
 ///
 /// # Panics
@@ -102,7 +111,7 @@ impl Waiting {
 pub fn stop_on_signals() -> Stop {
     signal_hook::flag::register(SIGXFSZ, Arc::default()).expect("a catchable signal");
     let stop = Stop::default();
-    for signal in [SIGINT, SIGTERM] {
+    for signal in ending_signals() {
         let number = usize::try_from(signal).expect("signals are positive");
         signal_hook::flag::register_usize(signal, stop.flag(), number).expect("a catchable signal");
     }
@@ -112,12 +121,12 @@ pub fn stop_on_signals() -> Stop {
 /// Signals within this time count as one: `timeout` sends a process two.
 const SIGNAL_WINDOW: Duration = Duration::from_millis(200);
 
-/// Ends the process at once on the second SIGINT or SIGTERM, even during a wait.
+/// Ends the process at once on the second of these signals, even during a wait.
 ///
 /// # Panics
 /// As [`stop_on_signals`].
 pub fn exit_on_second_signal() {
-    let mut signals = Signals::new([SIGINT, SIGTERM]).expect("catchable signals");
+    let mut signals = Signals::new(ending_signals()).expect("catchable signals");
     std::thread::spawn(move || {
         let mut first: Option<Instant> = None;
         for signal in signals.forever() {

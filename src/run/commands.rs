@@ -62,7 +62,7 @@ impl FromStr for VehicleOption {
             return text.parse().map(Self::Command);
         }
         #[cfg(feature = "mavlink")]
-        text.split(',').try_for_each(|address| address.parse::<skysink_vehicle::wire::WireAddress>().map(drop))?;
+        text.parse::<skysink_vehicle::wire::WireAddresses>().map(drop)?;
         Ok(Self::Mavlink(text.to_owned()))
     }
 }

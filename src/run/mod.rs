@@ -139,23 +139,23 @@ impl RunCommand {
     /// What is left to fly of a run that ends early, if not all slots `are_recorded`. After the last slot, only a stop
     /// leaves a run as complete as a resumed one.
     fn left_to_fly(&self, ring: &RingFolder, are_recorded: bool) -> LeftToFly {
-        match (are_recorded, is_taken_over(ring)) {
+        match (are_recorded, is_overridden(ring)) {
             (true, _) => LeftToFly::Nothing,
-            (false, true) => LeftToFly::TakenOver,
+            (false, true) => LeftToFly::Overridden,
             (false, false) => LeftToFly::Slots { options: self.options.resume_options() },
         }
     }
 }
 
-/// Whether the bridge has left a vehicle to others.
+/// Whether others fly a vehicle of the bridge, or none flies any more.
 #[cfg(feature = "mavlink")]
-fn is_taken_over(ring: &RingFolder) -> bool {
-    ring.path().join(skysink_vehicle::saved::TAKEN_OVER).exists()
+fn is_overridden(ring: &RingFolder) -> bool {
+    skysink_vehicle::saved::is_over(ring.path())
 }
 
-/// Whether the bridge has left a vehicle to others: there is none.
+/// Whether others fly a vehicle: there is none.
 #[cfg(not(feature = "mavlink"))]
-fn is_taken_over(_: &RingFolder) -> bool {
+fn is_overridden(_: &RingFolder) -> bool {
     false
 }
 

@@ -301,8 +301,8 @@ impl RunOptions {
         }
         #[cfg(feature = "mavlink")]
         {
-            let addresses: Result<Vec<_>, _> = addresses.split(',').map(str::parse).collect();
-            let checked = addresses.and_then(|all| skysink_vehicle::wire::check_addresses(&all, scenario.uav.uavs()));
+            let parsed = addresses.parse::<skysink_vehicle::wire::WireAddresses>();
+            let checked = parsed.and_then(|all| skysink_vehicle::wire::check_addresses(&all.0, scenario.uav.uavs()));
             checked.or_else(|message| refuse(&message))?;
         }
         Ok(())

@@ -77,6 +77,13 @@ pub struct ExternalTimeout {
     pub timeout: Duration,
 }
 
+impl ExternalTimeout {
+    /// Whether `role` ends by itself, and says until then why it takes so long.
+    fn speaks_for(&self, role: Role) -> bool {
+        self.timeout == Duration::MAX && self.roles.contains(&role)
+    }
+}
+
 /// A message that the recorder needs.
 #[derive(Debug, Clone, Copy)]
 struct Expected {
@@ -254,7 +261,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 is_reported = false;
             }
             let waited = awaited.waited.elapsed();
-            let is_overdue = !is_reported && waited >= self.ring.terms.overdue_limit();
+            // Before the mission, the bridge to vehicles says itself what it waits for.
+            let says_itself = self.external.speaks_for(missing.from) && self.plan_watch.is_none();
+            let is_overdue = !is_reported && !says_itself && waited >= self.ring.terms.overdue_limit();
             is_reported |= is_overdue;
             let report_after = self.plan_watch.as_ref().map(PlanWatch::report_after);
             let is_late_now = !is_late

@@ -161,44 +161,15 @@ pub(crate) fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result
     Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
-/// Lets the flights of the vehicles whose missions ended after the last recorded slot say so.
+/// Hands the states of the vehicles over MAVLink to the ring.
 #[cfg(feature = "mavlink")]
-fn leave_ended(run: &RunFolder, flights: &mut [FlightReport]) -> Result<(), InputError> {
-    use skysink_vehicle::control::Fate;
-    for (flight, fate) in flights.iter_mut().zip(skysink_vehicle::saved::ended_in(run.path())?) {
-        let mode = match fate {
-            Fate::Open => continue,
-            Fate::Ended => Mode::Down,
-            _ if flight.flown_mode() == Mode::Down => Mode::Down,
-            Fate::Returns | Fate::Left | Fate::Abandoned => Mode::Return,
-        };
-        let FlightReport { served, links, .. } = FlightReport::at(flight.position(), mode);
-        *flight = FlightReport { mode: mode as u32, served, links, ..*flight };
-    }
-    Ok(())
-}
-
-/// Checks that no vehicle has ended its mission before the first slot was recorded: it would be armed anew.
-#[cfg(feature = "mavlink")]
-fn check_unended(run: &RunFolder) -> Result<(), InputError> {
-    use skysink_vehicle::control::Fate;
-    let has_ended = |fate: &Fate| !matches!(fate, Fate::Open | Fate::Returns);
-    if skysink_vehicle::saved::ended_in(run.path())?.iter().any(has_ended) {
-        let message = "a vehicle was down or taken over before the end of slot 1: expected a new run";
-        return Err(InputError::new("run folder", run.path(), message));
-    }
-    Ok(())
+fn resume_vehicles(run: &RunFolder, ring: &RingFolder) -> Result<(), InputError> {
+    skysink_vehicle::saved::resume(run.path(), ring.path())
 }
 
 /// There are none.
 #[cfg(not(feature = "mavlink"))]
-fn check_unended(_: &RunFolder) -> Result<(), InputError> {
-    Ok(())
-}
-
-/// There are none.
-#[cfg(not(feature = "mavlink"))]
-fn leave_ended(_: &RunFolder, _: &mut [FlightReport]) -> Result<(), InputError> {
+fn resume_vehicles(_: &RunFolder, _: &RingFolder) -> Result<(), InputError> {
     Ok(())
 }
 
@@ -210,9 +181,9 @@ impl ResumedRun {
     /// If a file cannot be read or written.
     pub(crate) fn save_checkpoints(mut self, run: &RunFolder, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
         self.log.resume()?;
+        resume_vehicles(run, ring_folder)?;
         let slot = self.plant.slot();
         if slot == 0 {
-            check_unended(run)?;
             return Ok(self.log);
         }
         let mut field = self.plant.field().clone();
@@ -220,9 +191,7 @@ impl ResumedRun {
         let uavs = self.plant.flights().len();
         journal(ring_folder, count, uavs)?.save(slot, &[], &self.planner)?;
         fields::resume(&mut fields::journal(ring_folder, &field, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
-        let mut flights = self.plant.flights().clone();
-        leave_ended(run, &mut flights)?;
-        flights::journal(ring_folder, uavs)?.save(slot, &[], &flights)?;
+        flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
         Ok(self.log)
     }
 }

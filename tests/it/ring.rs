@@ -93,7 +93,7 @@ fn killing_a_worker_at_full_speed_ends_the_run() {
 
 #[test]
 fn signals_end_a_run_cleanly() {
-    for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
+    for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143), (Signal::HUP, 129)] {
         let place = Place::new();
         let run = place.flight("long").pace("20x").start();
         run.until_slot(20);

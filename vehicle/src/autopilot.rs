@@ -1,4 +1,6 @@
-//! How autopilots differ: the numbers and names of their modes, their altitudes, and the parameter of their dead-man switch.
+//! How autopilots differ: the numbers and names of their modes, their altitudes, and the parameter of their GCS failsafe.
+
+use serde::{Deserialize, Serialize};
 
 /// The autopilot of a vehicle, by its heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -7,7 +9,7 @@ pub enum AutopilotKind {
     ArduPilot,
     /// PX4.
     Px4,
-    /// Another, of whose modes nothing is known.
+    /// Another, whose modes the address has to name.
     Other,
 }
 
@@ -21,16 +23,31 @@ pub enum Altitude {
 }
 
 /// What the mode of a vehicle means for its bridge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ModeMeaning {
-    /// It follows orders.
-    FollowsOrders,
+    /// It follows commands. That it is in this mode is the consent of its operator.
+    Follows,
     /// It flies home, or lands.
     Returns,
-    /// A pilot, a mission or a failsafe flies it.
-    IsFlownByOthers,
-    /// Unknown.
-    Unknown,
+    /// A pilot or a mission flies it.
+    Other,
+}
+
+/// The meanings of modes that an address names, by their numbers; of an autopilot that is known, none have to be.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct NamedModes(pub Vec<(ModeMeaning, u32)>);
+
+impl NamedModes {
+    /// What mode number `mode` of `autopilot` means.
+    pub fn meaning(&self, autopilot: AutopilotKind, mode: u32) -> ModeMeaning {
+        let named = self.0.iter().find(|(_, number)| *number == mode).map(|(meaning, _)| *meaning);
+        named.unwrap_or_else(|| autopilot.meaning(mode))
+    }
+
+    /// Whether a mode of this meaning is named.
+    pub fn names(&self, meaning: ModeMeaning) -> bool {
+        self.0.iter().any(|(named, _)| *named == meaning)
+    }
 }
 
 /// Modes of ArduCopter.
@@ -69,6 +86,7 @@ mod arducopter {
     pub const RTL: u32 = 6;
     pub const LAND: u32 = 9;
     pub const SMART_RTL: u32 = 21;
+    pub const AUTO_RTL: u32 = 27;
 }
 
 /// Modes of PX4: the main mode in bits 16 to 23, its sub-mode in bits 24 to 31.
@@ -95,40 +113,54 @@ mod px4 {
         (RTL, "RETURN"),
         (LAND, "LAND"),
         (8, "FOLLOW_TARGET"),
-        (9, "PRECLAND"),
+        (PRECISION_LAND, "PRECLAND"),
     ];
     pub const AUTO: u32 = 4;
     pub const TAKE_OFF: u32 = 2;
     pub const LOITER: u32 = 3;
     pub const RTL: u32 = 5;
     pub const LAND: u32 = 6;
+    pub const PRECISION_LAND: u32 = 9;
     /// The bit of `COM_DLL_EXCEPT` for Hold, and with it for take-off.
     pub const EXCEPT_HOLD: i32 = 1 << 1;
 }
 
 impl AutopilotKind {
-    /// The mode to change to before arming; `None` if take-off and reposition change the mode themselves.
+    /// The name of the mode that follows commands, into which the operator puts it.
     #[must_use]
-    pub fn guided_mode(self) -> Option<u32> {
-        (self == Self::ArduPilot).then_some(arducopter::GUIDED)
+    pub fn follow_name(self) -> &'static str {
+        match self {
+            Self::ArduPilot => "GUIDED",
+            Self::Px4 => "HOLD",
+            Self::Other => "the mode that follows commands",
+        }
     }
 
-    /// What its mode number `mode` means.
+    /// What its mode number `mode` means. Modes that an autopilot takes itself belong to those of the command before: Takeoff
+    /// and then Hold of PX4 in a climb, Land at the end of a return.
     #[must_use]
     pub fn meaning(self, mode: u32) -> ModeMeaning {
         match self {
             Self::ArduPilot => match mode {
-                arducopter::GUIDED => ModeMeaning::FollowsOrders,
-                arducopter::RTL | arducopter::LAND | arducopter::SMART_RTL => ModeMeaning::Returns,
-                _ => ModeMeaning::IsFlownByOthers,
+                arducopter::GUIDED => ModeMeaning::Follows,
+                arducopter::RTL | arducopter::LAND | arducopter::SMART_RTL | arducopter::AUTO_RTL => {
+                    ModeMeaning::Returns
+                }
+                _ => ModeMeaning::Other,
             },
             Self::Px4 => match px4_modes(mode) {
-                [px4::AUTO, px4::TAKE_OFF | px4::LOITER] => ModeMeaning::FollowsOrders,
-                [px4::AUTO, px4::RTL | px4::LAND] => ModeMeaning::Returns,
-                _ => ModeMeaning::IsFlownByOthers,
+                [px4::AUTO, px4::TAKE_OFF | px4::LOITER] => ModeMeaning::Follows,
+                [px4::AUTO, px4::RTL | px4::LAND | px4::PRECISION_LAND] => ModeMeaning::Returns,
+                _ => ModeMeaning::Other,
             },
-            Self::Other => ModeMeaning::Unknown,
+            Self::Other => ModeMeaning::Other,
         }
+    }
+
+    /// Whether `mode` is one for the take-off alone, which ends by itself in the mode that follows commands.
+    #[must_use]
+    pub fn takes_off_in(self, mode: u32) -> bool {
+        self == Self::Px4 && px4_modes(mode) == [px4::AUTO, px4::TAKE_OFF]
     }
 
     /// The name of its mode number `mode`, such as `LOITER`; the number, as in `mode 31`, of one that is not known.
@@ -148,38 +180,29 @@ impl AutopilotKind {
         name.map_or_else(|| format!("mode {mode}"), str::to_owned)
     }
 
-    /// Whether take-off and reposition may change the mode. ArduPilot's may not: it would be taken out of the hands of a
-    /// pilot whose change of mode has not arrived here yet.
+    /// Whether the speed is part of each reposition. PX4 forgets another one when it enters Hold.
     #[must_use]
-    pub fn may_change_mode(self) -> bool {
-        self != Self::ArduPilot
+    pub fn takes_speed_with_waypoint(self) -> bool {
+        self == Self::Px4
     }
 
-    /// Whether a vehicle in `mode` is asked first to follow a reposition without a change of its mode. Newer releases of
-    /// PX4 answer that this is unsupported.
+    /// Whether it reads altitudes above sea, whatever frame is named.
     #[must_use]
-    pub fn may_keep_mode(self, mode: u32) -> bool {
-        match self {
-            Self::ArduPilot => true,
-            Self::Px4 => px4_modes(mode) == [px4::AUTO, px4::LOITER],
-            Self::Other => false,
-        }
+    pub fn reads_above_sea(self) -> bool {
+        self == Self::Px4
     }
 
-    /// The altitude `z_m` above home [m] as the autopilot expects it. PX4 reads it above sea, whatever frame is named.
+    /// The altitude `z_m` above home [m] as the autopilot expects it.
     #[must_use]
     pub fn altitude(self, z_m: f64, home_above_sea_m: f64) -> Altitude {
-        match self {
-            Self::Px4 => Altitude::AboveSea(home_above_sea_m + z_m),
-            Self::ArduPilot | Self::Other => Altitude::AboveHome(z_m),
-        }
+        if self.reads_above_sea() { Altitude::AboveSea(home_above_sea_m + z_m) } else { Altitude::AboveHome(z_m) }
     }
 
     /// What makes it come down when the bridge is silent.
     #[must_use]
-    pub fn dead_man_switch(self) -> Option<&'static DeadManSwitch> {
+    pub fn gcs_failsafe(self) -> Option<&'static GcsFailsafe> {
         match self {
-            Self::ArduPilot => Some(&DeadManSwitch {
+            Self::ArduPilot => Some(&GcsFailsafe {
                 parameter: "FS_GCS_ENABLE",
                 values: &[
                     (1, "returns"),
@@ -187,12 +210,12 @@ impl AutopilotKind {
                     (4, "returns along its path, or else lands"),
                 ],
             }),
-            Self::Px4 => Some(&DeadManSwitch { parameter: "NAV_DLL_ACT", values: &[(2, "returns"), (3, "lands")] }),
+            Self::Px4 => Some(&GcsFailsafe { parameter: "NAV_DLL_ACT", values: &[(2, "returns"), (3, "lands")] }),
             Self::Other => None,
         }
     }
 
-    /// What its dead-man switch depends on, too, in some versions.
+    /// What its GCS failsafe depends on, too, in some versions.
     #[must_use]
     pub fn condition(self) -> Option<&'static Condition> {
         match self {
@@ -234,14 +257,14 @@ fn px4_modes(mode: u32) -> [u32; 2] {
 
 /// The parameter of what a vehicle does when its ground station is silent.
 #[derive(Debug)]
-pub struct DeadManSwitch {
+pub struct GcsFailsafe {
     /// Its name.
     pub parameter: &'static str,
     /// The values with which it comes down safely, and what it does.
     values: &'static [(i32, &'static str)],
 }
 
-/// What a dead-man switch depends on.
+/// What a GCS failsafe depends on.
 #[derive(Debug)]
 pub struct Condition {
     /// The names of its parameter, by version; some versions have none.
@@ -252,7 +275,7 @@ pub struct Condition {
     pub refusal: fn(f64, u8) -> Option<String>,
 }
 
-impl DeadManSwitch {
+impl GcsFailsafe {
     /// What the vehicle does with this value; `None` if it does not come down safely.
     pub fn effect(&self, value: f64) -> Option<&'static str> {
         self.values.iter().find(|(accepted, _)| f64::from(*accepted) == value).map(|(_, effect)| *effect)
@@ -272,12 +295,15 @@ mod tests {
     #[test]
     fn mode_numbers_are_decoded_per_autopilot() {
         let arducopter = [0, 4, 6, 9, 5].map(|mode| AutopilotKind::ArduPilot.meaning(mode));
-        use ModeMeaning::{FollowsOrders, IsFlownByOthers, Returns, Unknown};
-        assert_eq!(arducopter, [IsFlownByOthers, FollowsOrders, Returns, Returns, IsFlownByOthers]);
+        use ModeMeaning::{Follows, Other, Returns};
+        assert_eq!(arducopter, [Other, Follows, Returns, Returns, Other]);
         let px4 = [0x0302_0000, 0x0304_0000, 0x0204_0000, 0x0504_0000, 0x0404_0000, 0x0001_0000];
         let px4 = px4.map(|mode| AutopilotKind::Px4.meaning(mode));
-        assert_eq!(px4, [IsFlownByOthers, FollowsOrders, FollowsOrders, Returns, IsFlownByOthers, IsFlownByOthers]);
-        assert_eq!(AutopilotKind::Other.meaning(4), Unknown);
+        assert_eq!(px4, [Other, Follows, Follows, Returns, Other, Other]);
+        let named = NamedModes(vec![(Follows, 31), (Returns, 34)]);
+        let other = [31, 34, 4].map(|mode| named.meaning(AutopilotKind::Other, mode));
+        assert_eq!(other, [Follows, Returns, Other]);
+        assert!(named.names(Returns) && !NamedModes::default().names(Returns));
     }
 
     #[test]
@@ -294,12 +320,12 @@ mod tests {
     #[test]
     fn only_values_that_bring_a_vehicle_down_safely_are_accepted() {
         let accepted = |autopilot: AutopilotKind| {
-            let switch = autopilot.dead_man_switch().unwrap();
+            let switch = autopilot.gcs_failsafe().unwrap();
             (-1..=8).filter(|value| switch.effect(f64::from(*value)).is_some()).collect::<Vec<i32>>()
         };
         assert_eq!(accepted(AutopilotKind::ArduPilot), [1, 3, 4]);
         assert_eq!(accepted(AutopilotKind::Px4), [2, 3], "neither hold (1) nor terminate (5) nor lockdown (6)");
-        let expected = AutopilotKind::Px4.dead_man_switch().unwrap().expected();
+        let expected = AutopilotKind::Px4.gcs_failsafe().unwrap().expected();
         assert_eq!(expected, "2 (returns), 3 (lands)");
     }
 

@@ -10,9 +10,12 @@ use skysink_common::slot_record::ByUav;
 use skysink_flight_sim::Fleet;
 use skysink_flight_sim::outside::{REACHED_M, mode_at_end};
 
-use crate::control::{Fate, History, Phase, VehicleControl};
+use crate::autopilot::NamedModes;
+use crate::control::VehicleControl;
 use crate::frame::AreaFrame;
-use crate::preflight::{Assignment, Beginning, PreflightRefusal};
+use crate::preflight::{Assignment, PreflightRefusal};
+use crate::saved::SavedVehicle;
+use crate::table::State;
 use crate::telemetry::{Order, Telemetry};
 
 /// Energy that a battery has to have before take-off in a scenario without one, as a fraction of its capacity.
@@ -28,6 +31,27 @@ const PATIENCE_SLOTS: f64 = 3.0;
 
 /// Time that vehicles at their starts wait for others before they return [s]: a climb may take as long.
 const COMPANY_S: f64 = 150.0;
+
+/// How a bridge begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Beginning {
+    /// As the first of a run; of one that is resumed, with what that has saved.
+    First,
+    /// After the end of the bridge before, in this run; the mission has begun if `in_mission`.
+    Restarted {
+        /// Whether slots were flown.
+        in_mission: bool,
+    },
+}
+
+/// The side of the bridge on the link to a vehicle.
+#[derive(Debug, Clone, Default)]
+pub struct OwnSide {
+    /// Its system.
+    pub system: u8,
+    /// The modes of the vehicle that its address names.
+    pub modes: NamedModes,
+}
 
 /// A refusal to take off, or a mission that was over before it began, with the number of the vehicle, from 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -77,6 +101,8 @@ impl SlotEnds {
 /// A vehicle with the order of the slot.
 struct Member {
     control: VehicleControl,
+    /// Whether it has hovered at its start, or was in its mission before.
+    has_begun: bool,
     /// The plan that it follows; `None` if there is none.
     plan: Option<Plan>,
     /// Why it does not.
@@ -87,6 +113,19 @@ struct Member {
     is_doubtful: bool,
 }
 
+/// How long the vehicles wait for a plan, by clock.
+#[derive(Debug, Clone, Copy)]
+struct Patience {
+    /// When the last plan has come, or the vehicles were ready for one [s].
+    planned_s: Option<f64>,
+    /// How long the bridge was suspended since then [s].
+    suspended_s: f64,
+    /// Time without a plan after which the vehicles return [s].
+    plan_s: f64,
+    /// The same for the next plan: longer before the first.
+    next_s: f64,
+}
+
 /// The vehicles of a fleet.
 pub struct Bridge {
     fleet: Fleet,
@@ -95,27 +134,17 @@ pub struct Bridge {
     /// The altitude of all waypoints [m]; `None` if they have their own.
     altitude_m: Option<f64>,
     capacity_j: Option<f64>,
-    /// Whether a bridge before has begun the mission.
-    is_in_mission: bool,
     /// When the first vehicle was ready, and others were not [s].
     waiting_s: Option<f64>,
-    /// Whether the mission goes on without those that are not ready.
-    goes_on: bool,
-    /// When the last plan has come, or the vehicles were ready for one [s].
-    planned_s: Option<f64>,
-    /// How long the bridge was suspended since then [s].
-    suspended_s: f64,
-    /// Time without a plan after which the vehicles return [s].
-    patience_s: f64,
-    /// The same for the next plan: longer before the first.
-    waits_s: f64,
+    patience: Patience,
     /// What the vehicles have achieved.
     pub ends: SlotEnds,
 }
 
 impl Bridge {
     /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the
-    /// starts, or where a run that is resumed has left them. `own_systems` are those of the bridge on their links.
+    /// starts, or where a run that is resumed has left them, in the states that were `saved`, if any were. `own` are the
+    /// sides of the bridge on their links.
     #[must_use]
     pub fn new(
         scenario: &Scenario,
@@ -123,50 +152,50 @@ impl Bridge {
         frame: AreaFrame,
         reports: &[FlightReport],
         beginning: Beginning,
-        own_systems: &[u8],
+        saved: &[SavedVehicle],
+        own: &[OwnSide],
     ) -> Self {
         let mut fleet = Fleet::new(scenario, sensors);
         fleet.restore(reports);
         let battery = Battery::of(scenario);
-        let is_in_mission = beginning == Beginning::Restarted { in_mission: true };
         let altitude_m = scenario.uav.fixed_altitude_m();
         // Where the vehicle stood, it climbs.
         let in_range_m =
             |z_m: f64| scenario.uav.climb().map_or(z_m, |climb| z_m.clamp(climb.min_altitude_m, climb.max_altitude_m));
-        let member = |(report, &own_system): (&FlightReport, &u8)| {
+        let member = |(uav, report): (usize, &FlightReport)| {
             let position = report.position();
             let assignment = Assignment {
+                frame,
                 start: Point3::new(position.x, position.y, altitude_m.unwrap_or_else(|| in_range_m(position.z))),
                 speed_mps: scenario.uav.max_speed_mps,
                 battery: battery.map_or(DEFAULT_BATTERY, |battery| battery.initial_j / battery.capacity_j),
                 low_battery: battery.map_or(DEFAULT_LOW_BATTERY, |battery| battery.reserve_j / battery.capacity_j),
-                beginning,
-                own_system,
-                flown_m: if is_in_mission { scenario.uav.max_speed_mps * scenario.slot_s } else { 0.0 },
-                was_armed: is_in_mission,
-                is_unarmed: false,
+                own_system: own[uav].system,
+                modes: own[uav].modes.clone(),
             };
-            let mut control = VehicleControl::new(assignment, frame);
-            match (beginning, report.flown_mode()) {
-                (Beginning::Resumed | Beginning::Restarted { .. }, Mode::Down) => control.stay_down(),
-                (Beginning::Resumed, Mode::Return) => control.leave(true), // its run has ended
-                _ => {}
-            }
-            Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
+            let before = saved.get(uav);
+            let state = match (before.map(|before| before.state), beginning) {
+                (None, _) if report.flown_mode() == Mode::Down => State::Done, // of a run on another host
+                (None, _) if report.flown_mode() == Mode::Return => State::HandsOff,
+                (None, _) => State::Check { may_fly_on: false },
+                (Some(state), Beginning::First) => state.resumed(),
+                (Some(state), Beginning::Restarted { .. }) => state.restarted(),
+            };
+            let mut control = VehicleControl::new(assignment, state, before.and_then(|before| before.home_m));
+            control.say_restored(before.map_or(state, |before| before.state));
+            let was_over = beginning == Beginning::First && control.is_committed();
+            let has_begun = was_over || beginning == Beginning::Restarted { in_mission: true };
+            Member { control, has_begun, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
         };
+        let plan_s = PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s);
         Self {
-            members: reports.iter().zip(own_systems).map(member).collect(),
+            members: reports.iter().enumerate().map(member).collect(),
             fleet,
             slot_s: scenario.slot_s,
             altitude_m,
             capacity_j: battery.map(|battery| battery.capacity_j),
-            is_in_mission,
             waiting_s: None,
-            goes_on: false,
-            planned_s: None,
-            suspended_s: 0.0,
-            patience_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
-            waits_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
+            patience: Patience { planned_s: None, suspended_s: 0.0, plan_s, next_s: plan_s },
             ends: SlotEnds::default(),
         }
     }
@@ -176,16 +205,11 @@ impl Bridge {
         self.members[uav].control.hear(telemetry, now_s);
     }
 
-    /// As [`hear`](Self::hear) with what has come earlier: no order follows it as a report of this moment.
-    pub fn hear_earlier(&mut self, uav: usize, telemetry: &Telemetry, now_s: f64) {
-        self.hear(uav, telemetry, now_s);
-        self.members[uav].control.vehicle.take_new_reports();
-    }
-
     /// Advances to `now_s` [s]; calls `send` with the orders that are due, and `say` with lines for people.
     ///
     /// # Errors
-    /// If a vehicle must not take off, or others wait for it in vain. The others are advanced all the same.
+    /// If a vehicle must not take off and no other was armed, or others wait for it in vain. The others are advanced all the
+    /// same.
     pub fn poll(
         &mut self,
         now_s: f64,
@@ -193,72 +217,42 @@ impl Bridge {
         mut say: impl FnMut(usize, String),
     ) -> Result<(), VehicleRefusal> {
         self.check_patience(now_s)?;
-        let is_unchecked =
-            |Member { control, .. }: &Member| control.phase() == Phase::Preflight && control.fate() == Fate::Open;
-        if !self.members.iter().any(is_unchecked) {
-            self.members.iter_mut().for_each(|member| member.control.allow_arming());
-        }
+        let are_all_checked = self.members.iter().all(|member| member.control.is_checked());
         let mut orders = Vec::new();
-        let mut refused = Ok(());
-        for (uav, Member { control, is_doubtful, .. }) in self.members.iter_mut().enumerate() {
-            let polled = control.poll(now_s, &mut orders);
+        let mut refused = None;
+        for (uav, Member { control, has_begun, is_doubtful, .. }) in self.members.iter_mut().enumerate() {
+            let why = control.poll(now_s, are_all_checked, &mut orders);
+            refused = refused.or(why.map(|why| VehicleRefusal { number: uav + 1, why }));
+            *has_begun |= control.state() == State::Fly { has_begun: true };
             *is_doubtful |= !control.has_current_position(now_s);
             orders.drain(..).for_each(|order| send(uav, &order));
             control.take_said().into_iter().for_each(|line| say(uav, line));
-            refused = refused.and(polled.map_err(|why| VehicleRefusal { number: uav + 1, why }));
         }
-        refused
+        let is_another_flown = self.members.iter().any(|member| member.has_begun || member.control.state().is_flown());
+        refused.filter(|_| !is_another_flown).map_or(Ok(()), Err)
     }
 
-    /// Goes on with the vehicles as the bridge before has left them, whose last reports, after `slot`, were `reports`; of
-    /// those without a history nothing else is known.
-    pub fn go_on(&mut self, histories: impl Iterator<Item = History>, slot: u64, reports: &[FlightReport]) {
-        let histories = histories.map(Some).chain(std::iter::repeat(None));
-        for ((member, report), history) in self.members.iter_mut().zip(reports).zip(histories) {
-            let is_new_run = slot == 0; // what a bridge arms, it saves before
-            let says_ended = report.flown_mode() == Mode::Return;
-            member.control.go_on(history.unwrap_or_default(), says_ended, is_new_run);
-        }
-    }
-
-    /// Notes that an order to arm the vehicle of this number from 0 was not sent.
+    /// Notes that the command to arm the vehicle of this number from 0 was not sent.
     pub fn forget_arming(&mut self, uav: usize) {
         self.members[uav].control.forget_arming();
-    }
-
-    /// What the bridge after this one has to know of the vehicles.
-    pub fn histories(&self) -> impl Iterator<Item = History> {
-        self.members.iter().map(|member| member.control.history())
-    }
-
-    /// How far the missions of the vehicles have come.
-    pub fn fates(&self) -> impl Iterator<Item = Fate> {
-        self.members.iter().map(|member| member.control.fate())
-    }
-
-    /// Whether each was armed, and is off though it has not returned.
-    pub fn are_off(&self) -> impl Iterator<Item = bool> {
-        self.members.iter().map(|member| member.control.says_off())
     }
 
     /// Flies without the vehicle of this number from 0, because of `why`.
     ///
     /// # Errors
     /// If no other one has been armed, nor ended its mission.
-    pub fn refuse(&mut self, uav: usize, why: String, now_s: f64) -> Result<(), VehicleRefusal> {
+    pub fn refuse(&mut self, uav: usize, why: String) -> Result<(), VehicleRefusal> {
         let mut others = self.members.iter().enumerate().filter(|(other, _)| *other != uav);
         if !others.any(|(_, other)| other.control.is_committed()) {
-            self.members[uav].control.withhold(); // it gets no order to return either
             return Err(VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) });
         }
-        self.members[uav].control.refuse(&why, now_s);
+        self.members[uav].control.refuse(&why);
         Ok(())
     }
 
     /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
     pub fn has_begun(&self) -> bool {
-        let is_flown = self.is_in_mission || self.members.iter().any(|member| member.control.has_begun());
-        is_flown && (self.goes_on || !self.members.iter().any(Member::is_awaited))
+        self.members.iter().any(|member| member.has_begun) && !self.members.iter().any(Member::is_awaited)
     }
 
     /// Number of vehicles.
@@ -276,9 +270,10 @@ impl Bridge {
     /// # Errors
     /// If all are on the ground again, and none has begun its mission.
     pub fn check_flyable(&self) -> Result<(), VehicleRefusal> {
-        let ends: Option<Vec<&str>> = self.members.iter().map(|member| member.control.unbegun_end()).collect();
-        match ends.filter(|_| !self.is_in_mission).and_then(|ends| ends.first().map(|end| (*end).to_owned())) {
-            Some(end) => {
+        let is_over = |member: &Member| !member.has_begun && member.control.state() == State::Done;
+        match self.members.first().filter(|_| self.members.iter().all(is_over)) {
+            Some(first) => {
+                let end = first.control.end();
                 let why = PreflightRefusal(format!("its mission was over before it began: {end}: no slot was flown"));
                 Err(VehicleRefusal { number: 1, why })
             }
@@ -288,7 +283,7 @@ impl Bridge {
 
     /// Notes that the bridge was suspended for `suspended_s` [s].
     pub fn note_suspension(&mut self, suspended_s: f64) {
-        self.suspended_s += suspended_s;
+        self.patience.suspended_s += suspended_s;
     }
 
     /// Believes nothing of the vehicles that was heard before `now_s` [s].
@@ -298,49 +293,40 @@ impl Bridge {
 
     /// Waits at least `seconds` [s] for the first plan before the vehicles return.
     pub fn wait_at_first(&mut self, seconds: f64) {
-        self.waits_s = self.waits_s.max(seconds);
+        self.patience.next_s = self.patience.next_s.max(seconds);
     }
 
     /// The numbers of the vehicles that others fly, from 1.
-    pub fn taken_over(&self) -> Vec<usize> {
-        let members = self.members.iter().enumerate();
-        let taken = members.filter(|(_, member)| member.control.is_taken_over());
-        taken.map(|(uav, _)| uav + 1).collect()
+    pub fn overridden(&self) -> impl Iterator<Item = usize> {
+        let numbered = (1..).zip(&self.members);
+        numbered.filter(|(_, member)| member.control.state() == State::HandsOff).map(|(number, _)| number)
     }
 
-    /// Sends the vehicles home if there has been no plan for too long. In the middle of a mission it goes on without a
-    /// vehicle that others wait for too long.
+    /// Sends the vehicles home if there has been no plan for too long.
     ///
     /// # Errors
-    /// If that is before a mission.
+    /// If a vehicle waits at its start for another for too long.
     fn check_patience(&mut self, now_s: f64) -> Result<(), VehicleRefusal> {
-        let hovers = |Member { control, .. }: &Member| control.phase() == Phase::Flying && control.has_begun();
+        let hovers = |member: &Member| member.has_begun && matches!(member.control.state(), State::Fly { .. });
         if !self.has_begun() && self.members.iter().any(hovers) {
             let waiting_s = *self.waiting_s.get_or_insert(now_s);
-            if now_s - waiting_s > COMPANY_S {
-                let mut awaited = (1..).zip(&mut self.members).filter(|(_, member)| member.is_awaited());
-                if self.is_in_mission {
-                    awaited.for_each(|(_, member)| member.control.leave_behind());
-                    self.goes_on = true;
-                } else if let Some((number, _)) = awaited.next() {
-                    let why = format!("it is not ready {COMPANY_S} s after another: no slot is flown");
-                    return Err(VehicleRefusal { number, why: PreflightRefusal(why) });
-                }
+            let mut awaited = (1..).zip(&self.members).filter(|(_, member)| member.is_awaited());
+            if let Some((number, _)) = awaited.next().filter(|_| now_s - waiting_s > COMPANY_S) {
+                let why = format!("it is not ready {COMPANY_S} s after another: no slot is flown");
+                return Err(VehicleRefusal { number, why: PreflightRefusal(why) });
             }
         }
-        if self.planned_s.is_none() && self.has_begun() {
-            self.planned_s = Some(now_s);
-            self.suspended_s = 0.0;
+        if self.patience.planned_s.is_none() && self.has_begun() {
+            self.patience = Patience { planned_s: Some(now_s), suspended_s: 0.0, ..self.patience };
         }
-        if self.planned_s.is_some_and(|planned_s| now_s - planned_s > self.waits_s) {
-            let suspended_s = self.suspended_s;
+        let Patience { planned_s, suspended_s, next_s, .. } = self.patience;
+        if let Some(planned_s) = planned_s.filter(|planned_s| now_s - planned_s > next_s) {
             let cause = if suspended_s > 0.0 {
                 format!(": the bridge itself was suspended for {suspended_s:.0} s of them")
             } else {
                 String::new()
             };
-            let planned_s = self.planned_s.unwrap_or(now_s);
-            self.return_home(&format!("no plan has come for {:.0} s{cause}", now_s - planned_s), now_s);
+            self.return_home(&format!("no plan has come for {:.0} s{cause}", now_s - planned_s));
         }
         Ok(())
     }
@@ -351,18 +337,19 @@ impl Bridge {
     }
 
     /// Whether any vehicle that is not on the ground is heard.
-    pub fn is_heard(&self) -> bool {
-        self.members.iter().any(|Member { control, .. }| control.phase() != Phase::Landed && control.is_heard())
+    pub fn is_heard(&self, now_s: f64) -> bool {
+        let is_heard = |Member { control, .. }: &Member| control.state() != State::Done && control.is_heard(now_s);
+        self.members.iter().any(is_heard)
     }
 
     /// Whether all vehicles are on the ground.
     pub fn has_landed(&self) -> bool {
-        self.members.iter().all(|Member { control, .. }| control.phase() == Phase::Landed)
+        self.members.iter().all(|Member { control, .. }| control.state() == State::Done)
     }
 
     /// Sends all vehicles home, because of `why`.
-    pub fn return_home(&mut self, why: &str, now_s: f64) {
-        self.members.iter_mut().for_each(|Member { control, .. }| control.return_home(why, now_s));
+    pub fn return_home(&mut self, why: &str) {
+        self.members.iter_mut().for_each(|Member { control, .. }| control.return_home(why));
     }
 
     /// Expects the plan of the next slot: until there is one, the vehicles go on to their last waypoints, and hold
@@ -387,9 +374,8 @@ impl Bridge {
     /// Flies the plans of the slot, in the order of the UAVs. Those that flight-sim would refuse are not flown, and
     /// nobody charges.
     pub fn fly(&mut self, plans: &[Plan], now_s: f64) {
-        self.planned_s = Some(now_s);
-        self.waits_s = self.patience_s;
-        self.suspended_s = 0.0;
+        let plan_s = self.patience.plan_s;
+        self.patience = Patience { planned_s: Some(now_s), suspended_s: 0.0, plan_s, next_s: plan_s };
         let follows = |uav: usize| self.members[uav].control.follows_plans(now_s);
         let target = |uav: usize| self.members[uav].control.target();
         let refusals = self.fleet.refusals(plans, follows, target);
@@ -430,14 +416,15 @@ impl Bridge {
 impl Member {
     /// Whether it has not hovered at its start, but may yet.
     fn is_awaited(&self) -> bool {
-        let is_over = self.control.phase() == Phase::Landed || self.control.fate() != Fate::Open;
-        !is_over && !self.control.has_begun()
+        let has_ended =
+            matches!(self.control.state(), State::Home { .. } | State::HandsOff | State::Silent | State::Done);
+        !has_ended && !self.has_begun
     }
 
     /// Whether it flies to the waypoint of its plan.
     fn flies_plan(&self) -> bool {
         let is_accepted = self.refusal == HoldReason::None && !self.control.has_refused();
-        self.plan.is_some() && is_accepted && self.control.phase() == Phase::Flying
+        self.plan.is_some() && is_accepted && matches!(self.control.state(), State::Fly { .. })
     }
 
     /// What it reports at the end of a slot, at `end_s` of the mission [s] if its clock is not known, without links,
@@ -456,10 +443,10 @@ impl Member {
             let [horizontal_m2, vertical_m2] = [horizontal_m.powi(2), vertical_m.powi(2)];
             report.covariance_m2 = [horizontal_m2, 0.0, 0.0, horizontal_m2, 0.0, vertical_m2];
         }
-        report.energy_j = capacity_j.zip(vehicle.battery).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
-        let mode = match (control.phase(), plan) {
-            (Phase::Landed, _) => Mode::Down,
-            _ if control.has_ended_in_air() => Mode::Return,
+        report.energy_j = capacity_j.zip(vehicle.power.left).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
+        let mode = match (control.state(), plan) {
+            (State::Done, _) => Mode::Down,
+            (State::Home { .. } | State::HandsOff | State::Silent, _) => Mode::Return,
             (_, Some(plan)) if self.flies_plan() && control.has_current_position(now_s) => {
                 match mode_at_end(plan, &position, REACHED_M) {
                     Mode::Return => Mode::Transit, // it follows plans: the next bridge does not send it home

@@ -4,7 +4,7 @@ use mavlink::MessageData as _;
 use mavlink::dialects::common::{
     BATTERY_STATUS_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA,
     EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState,
-    MavMessage, MavModeFlag, MavParamType, MavState, PARAM_REQUEST_READ_DATA, SYS_STATUS_DATA,
+    MavMessage, MavModeFlag, MavParamType, MavState, MavSysStatusSensor, PARAM_REQUEST_READ_DATA, SYS_STATUS_DATA,
 };
 
 use crate::autopilot::{Altitude, AutopilotKind};
@@ -15,6 +15,9 @@ pub const AUTOPILOT: u8 = 1;
 
 /// Bit of the base mode of an armed vehicle.
 const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+
+/// Bit of the checks that a vehicle makes before arming.
+const PREARM: MavSysStatusSensor = MavSysStatusSensor::MAV_SYS_STATUS_PREARM_CHECK;
 
 /// Standard deviation of a position [m] beyond which it is no estimate.
 const MOST_SIGMA_M: f64 = 1e6;
@@ -32,9 +35,9 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
             },
             mode: heartbeat.custom_mode,
             is_armed: heartbeat.base_mode.contains(ARMED),
-            is_booting: matches!(
+            is_critical: matches!(
                 heartbeat.system_status,
-                MavState::MAV_STATE_UNINIT | MavState::MAV_STATE_BOOT | MavState::MAV_STATE_CALIBRATING
+                MavState::MAV_STATE_CRITICAL | MavState::MAV_STATE_EMERGENCY
             ),
         },
         MavMessage::CURRENT_MODE(current) => Telemetry::Mode(current.custom_mode),
@@ -56,8 +59,14 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
             let is_known = accuracy_m.iter().all(|sigma_m| (0.0..=MOST_SIGMA_M).contains(sigma_m));
             is_known.then_some(Telemetry::Accuracy(accuracy_m))?
         }
-        MavMessage::BATTERY_STATUS(status) if status.id == 0 => battery(status.battery_remaining),
-        MavMessage::SYS_STATUS(status) => battery(status.battery_remaining),
+        MavMessage::BATTERY_STATUS(status) if status.id == 0 => Telemetry::Battery(charge(status.battery_remaining)),
+        MavMessage::SYS_STATUS(status) => Telemetry::Status {
+            left: charge(status.battery_remaining),
+            is_ready: status
+                .onboard_control_sensors_enabled
+                .contains(PREARM)
+                .then(|| status.onboard_control_sensors_health.contains(PREARM)),
+        },
         MavMessage::EXTENDED_SYS_STATE(state) => match state.landed_state {
             MavLandedState::MAV_LANDED_STATE_UNDEFINED => return None,
             landed => Telemetry::InAir(landed != MavLandedState::MAV_LANDED_STATE_ON_GROUND),
@@ -66,7 +75,9 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
             command: u16::try_from(ack.command as u32).ok()?,
             result: u8::try_from(ack.result as u32).ok()?,
         },
-        MavMessage::STATUSTEXT(status) => Telemetry::Text(status.text.to_str().ok()?.to_owned()),
+        MavMessage::STATUSTEXT(status) => {
+            Telemetry::Text { text: status.text.to_str().ok()?.to_owned(), line: status.id }
+        }
         MavMessage::PARAM_VALUE(parameter) => Telemetry::Parameter {
             name: parameter.param_id.to_str().ok()?.to_owned(),
             value: parameter.param_value,
@@ -76,9 +87,17 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
     })
 }
 
-/// The energy that is left [%]; negative if it is not known.
-fn battery(remaining: i8) -> Telemetry {
-    Telemetry::Battery((remaining >= 0).then(|| f64::from(remaining) / 100.0))
+/// The energy that is left, as a fraction, of a number [%] that is negative if it is not known.
+fn charge(remaining: i8) -> Option<f64> {
+    (remaining >= 0).then(|| f64::from(remaining) / 100.0)
+}
+
+/// The system to which a message of a vehicle is an answer; `None` if it is no answer, or does not say whose.
+pub fn answers_to(message: &MavMessage) -> Option<u8> {
+    match message {
+        MavMessage::COMMAND_ACK(ack) => Some(ack.target_system).filter(|system| *system > 0),
+        _ => None,
+    }
 }
 
 /// An order to the system `target_system`.
@@ -101,10 +120,6 @@ pub fn encode(order: &Order, target_system: u8) -> MavMessage {
         })
     };
     match *order {
-        Order::Mode(mode) => {
-            let is_custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits();
-            long(MavCmd::MAV_CMD_DO_SET_MODE, [f32::from(is_custom), mode as f32, 0.0, 0.0, 0.0, 0.0, 0.0])
-        }
         Order::Arm => long(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
         Order::TakeOff(altitude) => {
             let (frame, z_m) = frame_of(altitude);
@@ -113,7 +128,7 @@ pub fn encode(order: &Order, target_system: u8) -> MavMessage {
             long(MavCmd::MAV_CMD_NAV_TAKEOFF, [0.0, 0.0, 0.0, here, here, here, z_m])
         }
         Order::Speed(mps) => long(MavCmd::MAV_CMD_DO_CHANGE_SPEED, [1.0, mps as f32, -1.0, 0.0, 0.0, 0.0, 0.0]),
-        Order::Reposition { to, may_change_mode } => reposition(&to, may_change_mode, target_system),
+        Order::Reposition { to, speed_mps } => reposition(&to, speed_mps, target_system),
         Order::Return => long(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, [0.0; 7]),
         Order::Interval { stream, period_s } => {
             let [id, period_us] = [message_id(stream) as f32, (period_s * 1e6) as f32];
@@ -128,14 +143,15 @@ pub fn encode(order: &Order, target_system: u8) -> MavMessage {
     }
 }
 
-fn reposition(to: &GlobalTarget, may_change_mode: bool, target_system: u8) -> MavMessage {
+/// A reposition without the flag that lets it change the mode: it overrules no pilot, and no failsafe.
+fn reposition(to: &GlobalTarget, speed_mps: Option<f64>, target_system: u8) -> MavMessage {
     let (frame, z) = frame_of(to.altitude);
     let e7 = |degrees: f64| (degrees * 1e7).round() as i32;
     MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-        param1: -1.0, // the speed stays
-        param2: f32::from(u8::from(may_change_mode)),
+        param1: speed_mps.map_or(-1.0, |speed_mps| speed_mps as f32), // below 0 it stays
+        param2: 0.0,
         param3: 0.0,
-        param4: f32::NAN, // so does the yaw
+        param4: f32::NAN, // the yaw stays
         x: e7(to.lat_deg),
         y: e7(to.lon_deg),
         z,
@@ -176,7 +192,7 @@ mod tests {
     #[test]
     fn a_reposition_is_a_command_int_above_home_in_ten_millionths_of_a_degree() {
         let to = GlobalTarget { lat_deg: 47.397_742, lon_deg: -8.545_594, altitude: Altitude::AboveHome(20.0) };
-        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, may_change_mode: false }, 3) else {
+        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, speed_mps: None }, 3) else {
             panic!("another message");
         };
         assert_eq!((sent.x, sent.y, sent.z), (473_977_420, -85_455_940, 20.0));
@@ -197,7 +213,7 @@ mod tests {
             for (base_mode, is_armed) in [(ARMED, true), (MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, false)] {
                 assert_eq!(
                     decoded(sent, base_mode),
-                    Some(Telemetry::Heartbeat { autopilot, mode: 4, is_armed, is_booting: true })
+                    Some(Telemetry::Heartbeat { autopilot, mode: 4, is_armed, is_critical: false })
                 );
             }
         }
@@ -207,12 +223,23 @@ mod tests {
     #[test]
     fn other_messages_are_decoded_in_si_units() {
         let text = STATUSTEXT_DATA { text: "EKF variance".into(), ..Default::default() };
-        assert_eq!(decode(&MavMessage::STATUSTEXT(text)), Some(Telemetry::Text("EKF variance".to_owned())));
+        assert_eq!(
+            decode(&MavMessage::STATUSTEXT(text)),
+            Some(Telemetry::Text { text: "EKF variance".to_owned(), line: 0 })
+        );
+        let ours = |target_system| {
+            answers_to(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { target_system, ..Default::default() }))
+        };
+        assert_eq!([0, 7].map(ours), [None, Some(7)]);
         let told = PARAM_VALUE_DATA { param_id: "FS_GCS_ENABLE".into(), param_value: 1.0, ..Default::default() };
         let name = "FS_GCS_ENABLE".to_owned();
         let parameter = Telemetry::Parameter { name, value: 1.0, is_integer: true };
         assert_eq!(decode(&MavMessage::PARAM_VALUE(told)), Some(parameter));
-        let answer = COMMAND_ACK_DATA { command: MavCmd::MAV_CMD_NAV_TAKEOFF, result: MavResult::MAV_RESULT_DENIED };
+        let answer = COMMAND_ACK_DATA {
+            command: MavCmd::MAV_CMD_NAV_TAKEOFF,
+            result: MavResult::MAV_RESULT_DENIED,
+            ..Default::default()
+        };
         assert_eq!(decode(&MavMessage::COMMAND_ACK(answer)), Some(Telemetry::Answer { command: 22, result: 2 }));
         for (landed_state, telemetry) in [
             (MavLandedState::MAV_LANDED_STATE_UNDEFINED, None),
@@ -237,17 +264,16 @@ mod tests {
             }
             other => panic!("{other:?}"),
         };
-        assert_eq!(params(Order::Mode(4)), [1.0, 4.0, 0.0, 0.0, 0.0]);
         assert_eq!(params(Order::Arm), [1.0, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(params(Order::Speed(7.0)), [1.0, 7.0, -1.0, 0.0, 0.0], "over ground, without throttle");
         assert_eq!(params(Order::TakeOff(Altitude::AboveHome(20.0))), [0.0, 0.0, 0.0, 0.0, 20.0]);
         let [.., yaw, z_m] = params(Order::TakeOff(Altitude::AboveSea(508.0)));
         assert!(yaw.is_nan() && z_m == 508.0);
         let to = GlobalTarget { lat_deg: 1.0, lon_deg: 2.0, altitude: Altitude::AboveSea(3.0) };
-        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, may_change_mode: true }, 7) else {
+        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, speed_mps: Some(7.0) }, 7) else {
             panic!("another message");
         };
-        assert!(sent.param1 == -1.0 && sent.param2 == 1.0 && sent.param4.is_nan(), "its speed and yaw: {sent:?}");
+        assert!(sent.param1 == 7.0 && sent.param2 == 0.0 && sent.param4.is_nan(), "no change of mode: {sent:?}");
         let MavMessage::PARAM_REQUEST_READ(sent) = encode(&Order::Parameter("NAV_DLL_ACT"), 7) else {
             panic!("another message");
         };
@@ -305,7 +331,23 @@ mod tests {
 
     #[test]
     fn unknown_values_are_decoded_to_none() {
-        assert_eq!((battery(-1), battery(40)), (Telemetry::Battery(None), Telemetry::Battery(Some(0.4))));
+        assert_eq!((charge(-1), charge(40)), (None, Some(0.4)));
+        let status = |enabled: bool, health: bool| {
+            let [onboard_control_sensors_enabled, onboard_control_sensors_health] =
+                [enabled, health].map(|is_set| if is_set { PREARM } else { MavSysStatusSensor::empty() });
+            let sent = SYS_STATUS_DATA {
+                onboard_control_sensors_enabled,
+                onboard_control_sensors_health,
+                battery_remaining: -1,
+                ..Default::default()
+            };
+            decode(&MavMessage::SYS_STATUS(sent))
+        };
+        let says = |is_ready| Some(Telemetry::Status { left: None, is_ready });
+        assert_eq!(
+            [status(false, false), status(true, false), status(true, true)],
+            [says(None), says(Some(false)), says(Some(true))]
+        );
         let accuracy = |pos_horiz_accuracy: f32| {
             decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))
         };
@@ -317,11 +359,10 @@ mod tests {
     fn an_order_has_the_command_of_its_message() {
         let to = GlobalTarget { lat_deg: 1.0, lon_deg: 2.0, altitude: Altitude::AboveSea(3.0) };
         for order in [
-            Order::Mode(4),
             Order::Arm,
             Order::TakeOff(Altitude::AboveHome(20.0)),
             Order::Speed(7.0),
-            Order::Reposition { to, may_change_mode: true },
+            Order::Reposition { to, speed_mps: Some(7.0) },
             Order::Return,
         ] {
             let command = match encode(&order, 1) {

@@ -1,77 +1,76 @@
-//! The bridge's side of one vehicle: gets it ready, takes off, flies it from target to target, and brings it home.
+//! The bridge's side of one vehicle: what it says becomes an input of the table, and what the table orders a message.
 //!
-//! Messages in, orders out. The clock is passed in, in seconds of the vehicle. The pilot wins: what the orders of the
-//! bridge do not explain ends them ([`crate::takeover`]), and a doubt holds them back.
-
-mod answers;
-mod beginning;
-mod flight;
-
-pub use answers::{Fate, Heartbeats, History};
+//! Messages in, orders out. The clock is passed in, in seconds of the vehicle. What is ordered, and when, is decided in
+//! [`crate::table`] alone.
 
 use nalgebra::Point3;
+use skysink_common::geometry::above;
+use skysink_flight_sim::outside::REACHED_M;
 
-use crate::autopilot::AutopilotKind;
-use crate::frame::AreaFrame;
+use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
 use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::said::Said;
-use crate::state::VehicleState;
-use crate::takeover::Takeover;
-use crate::telemetry::{ACCEPTED, Fix, Order, Telemetry};
-
-/// Time between two attempts of an order that the vehicle refuses [s].
-const RETRY_S: f64 = 1.0;
-
-/// Time after which an accepted take-off or return that has no effect is ordered again [s]: longer than motors take to
-/// spool up.
-const REORDER_S: f64 = 6.0;
-
-/// Time after which a vehicle that has accepted to be armed, and is not, has disarmed [s]: longer than two heartbeats.
-const DISARMED_S: f64 = 3.0;
-
-/// Time after which a climb that does not end is given up [s].
-const CLIMB_S: f64 = 120.0;
+use crate::state::{Arrivals, VehicleState};
+use crate::table::{Checks, Command, Control, Ending, Failsafe, Height, Input, Left, Line, State, step};
+use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, TEMPORARILY_REJECTED, Telemetry, UNSUPPORTED};
 
 /// Time after which positions far from the first one are believed before take-off: that one was wrong [s].
 const MOVED_S: f64 = 3.0;
 
-/// Time after a silence of the link in which messages may still have waited in it [s].
-const SETTLED_S: f64 = 0.3;
+/// Time after which a waypoint that was rejected for now is sent again [s].
+const RETRY_S: f64 = 1.0;
 
-/// Altitude below that of the start at which a take-off is over [m].
+/// Altitude below that of the start at which a climb is over [m].
 const CLIMBED_M: f64 = 1.0;
-
-/// Time after which a flight to the start that does not end is given up [s].
-const TO_START_S: f64 = 600.0;
 
 /// Greatest speed of a vehicle that hovers [m/s].
 const HOVER_MPS: f64 = 0.5;
 
-/// The temporary refusal of MAVLink: the order may be accepted later.
-const TEMPORARILY_REJECTED: u8 = 1;
+/// Time without a mode after which a vehicle gets no heartbeats until it is heard [s].
+const UNHEARD_S: f64 = 10.0;
 
-/// The result of an order that a vehicle does not support.
-const UNSUPPORTED: u8 = 3;
+/// Time after which it is said what a vehicle does not do [s], and that something is missing before take-off.
+const SAID_S: f64 = 10.0;
+const MISSING_S: f64 = 2.0;
 
-/// The phase of a vehicle's mission.
+/// Time between two calls of a vehicle that was never heard, longer than any GCS failsafe waits (PX4: up to 300 s), and how
+/// long one takes [s].
+const CALL_EVERY_S: f64 = 310.0;
+const CALL_S: f64 = 0.3;
+
+/// Whether a vehicle gets heartbeats of the bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// On the ground, not checked yet.
-    Preflight,
-    /// Checked, and to be armed.
-    Arming,
-    /// Armed, and climbing to its start.
-    TakeOff,
-    /// Flies to its targets.
-    Flying,
-    /// Flies home by an order of the bridge.
-    Returning,
-    /// Flown by others, for the rest of the mission.
-    TakenOver,
-    /// On the ground, for the rest of the mission.
-    Landed,
+pub enum Heartbeats {
+    /// It does, whoever else is at its address.
+    Due,
+    /// It does not, so that its GCS failsafe acts.
+    Withheld,
+    /// It does, unless those of another on its connection are withheld.
+    Idle,
+}
+
+/// Where a vehicle is sent.
+#[derive(Debug, Clone, Copy)]
+struct Waypoint {
+    at: Point3<f64>,
+    /// Whether it was handed to the outbox: before that, the altitude of home is not known.
+    is_queued: bool,
+    is_refused: bool,
+}
+
+impl Waypoint {
+    fn at(at: Point3<f64>) -> Self {
+        Self { at, is_queued: false, is_refused: false }
+    }
+}
+
+/// What is believed of what comes in.
+#[derive(Debug, Clone)]
+struct Hearing {
+    arrivals: Arrivals,
+    jumps: Jumps,
 }
 
 /// The bridge's side of one vehicle.
@@ -80,122 +79,66 @@ pub struct VehicleControl {
     /// What is known of the vehicle.
     pub vehicle: VehicleState,
     assignment: Assignment,
-    frame: AreaFrame,
+    hearing: Hearing,
     preflight: Preflight,
-    takeover: Takeover,
-    phase: Phase,
+    state: State,
+    /// Since when it is in that state [s].
+    since_s: f64,
     outbox: Outbox,
-    jumps: Jumps,
-    /// Whether it has refused its target.
-    has_refused: bool,
-    /// Whether it follows a reposition only if that may change its mode.
-    must_change_mode: bool,
-    /// Whether it has hovered at its start, or was in its mission before.
-    has_begun: bool,
-    /// Why its mission is over, in a sentence about "it"; empty before.
+    waypoint: Option<Waypoint>,
+    /// The altitude of its home above sea [m], as it was when it was armed: autopilots correct theirs in flight.
+    home_m: Option<f64>,
+    /// Why its mission is to end, or has ended, in a sentence about "it"; empty before.
     end: String,
-    /// When it began to climb, and to fly to its start [s].
-    climbs_s: Option<f64>,
-    to_start_s: Option<f64>,
-    /// When it was ordered to return [s].
-    returns_s: Option<f64>,
-    /// The commands of which it was said that it refuses them.
-    said_refused: Vec<u16>,
-    /// When an order that was refused, or that has no effect, may be tried again [s].
-    retry_s: f64,
-    is_lost: bool,
-    /// Until when messages may have waited in the link [s].
-    stale_until_s: f64,
-    /// When an order to arm was sent last [s], and whether there was one before it, without an answer.
-    arming_s: f64,
-    has_ordered_arming: bool,
-    /// Whether it is left alone because its mission was over before the bridge was restarted.
-    is_left: bool,
-    /// Whether it may be another, so that it must not be flown.
-    is_refused: bool,
-    /// Whether the bridge itself has given it up: nobody else is known to fly it.
-    is_abandoned: bool,
-    /// Where it was sent last [m].
-    target: Option<Point3<f64>>,
-    /// Since when it is checked in the air [s].
-    checked_since_s: Option<f64>,
-    /// Why it returns as soon as it is known to be in the air: its mission has ended before it was heard.
-    awaited_return: Option<String>,
-    /// Whether a return was in effect before.
-    has_seen_return: bool,
-    /// Whether the checks before take-off hold now.
-    is_checked: bool,
-    /// Whether it was said that it is checked.
-    has_said_checked: bool,
-    /// Whether a return had no effect, so that it was ordered again.
-    has_repeated_return: bool,
-    /// Whether a return was not answered, and the mode of an unknown autopilot has changed, whatever to.
-    is_return_unclear: bool,
-    /// Whether it has said where it is, and does not any more.
-    is_blind: bool,
-    /// Whether all vehicles are checked, so that it may be armed.
-    may_arm: bool,
     said: Said,
 }
 
 impl VehicleControl {
-    /// A vehicle of which nothing is known yet.
+    /// A vehicle in this state, of which nothing was heard yet; its home may be known from the bridge before.
     #[must_use]
-    pub fn new(assignment: Assignment, frame: AreaFrame) -> Self {
+    pub fn new(assignment: Assignment, state: State, home_m: Option<f64>) -> Self {
+        let hearing = Hearing { arrivals: Arrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
+        let start = assignment.start;
         Self {
             vehicle: VehicleState::default(),
-            jumps: Jumps::at_most(assignment.speed_mps),
             assignment,
-            frame,
+            hearing,
             preflight: Preflight::default(),
-            takeover: Takeover::default(),
-            phase: Phase::Preflight,
+            state,
+            since_s: 0.0,
             outbox: Outbox::default(),
-            has_refused: false,
-            must_change_mode: false,
-            has_begun: false,
+            waypoint: (state == State::Fly { has_begun: false }).then(|| Waypoint::at(start)),
+            home_m,
             end: String::new(),
-            climbs_s: None,
-            to_start_s: None,
-            returns_s: None,
-            said_refused: Vec::new(),
-            retry_s: 0.0,
-            is_lost: false,
-            stale_until_s: 0.0,
-            arming_s: f64::NEG_INFINITY,
-            has_ordered_arming: false,
-            is_left: false,
-            is_refused: false,
-            is_abandoned: false,
-            target: None,
-            checked_since_s: None,
-            awaited_return: None,
-            has_seen_return: false,
-            is_checked: false,
-            has_said_checked: false,
-            has_repeated_return: false,
-            is_return_unclear: false,
-            is_blind: false,
-            may_arm: false,
             said: Said::default(),
         }
     }
 
-    /// Whether it flies to the waypoints of plans, as far as is known.
-    pub fn follows_plans(&self, now_s: f64) -> bool {
-        self.phase == Phase::Flying && !self.has_refused && self.has_current_position(now_s)
+    /// Says how it goes on from the state in which the bridge before, or the run before, has saved it.
+    pub fn say_restored(&mut self, saved: State) {
+        match self.state {
+            State::Check { .. } => {}
+            State::Fly { .. } => {
+                self.said.say("is flown on as soon as it reports the mode that follows commands".to_owned())
+            }
+            State::HandsOff => self.end_with("it was flown by others before this bridge began", "is left alone"),
+            State::Silent if saved != State::Silent => self.say_line(Line::Silent(Left::Restarted)),
+            State::Silent => {
+                self.end_with("it was left to its GCS failsafe before this bridge began", "gets no heartbeats")
+            }
+            _ => self.end_with("its mission was over before this bridge began", "stays down"),
+        }
     }
 
     /// Believes nothing that was heard before: the bridge was stopped meanwhile.
     pub fn doubt(&mut self, now_s: f64) {
-        self.vehicle.doubt(now_s);
+        self.hearing.arrivals.note_deafness(now_s);
+        self.vehicle.belief.doubt(now_s);
     }
 
-    /// Notes that the last order to arm was not sent.
+    /// Notes that the command to arm was not sent.
     pub fn forget_arming(&mut self) {
-        if !self.has_ordered_arming {
-            self.takeover.answer_arming(false);
-        }
+        self.state = State::Check { may_fly_on: false };
     }
 
     /// Takes the lines for people that have come up.
@@ -205,15 +148,10 @@ impl VehicleControl {
 
     /// Takes in a message of the vehicle.
     pub fn hear(&mut self, telemetry: &Telemetry, now_s: f64) {
-        if self.is_lost {
-            self.is_lost = false;
-            self.said.say("is heard again".to_owned());
+        if self.hearing.arrivals.hear(now_s) {
+            self.vehicle.belief.doubt(now_s);
         }
-        if self.vehicle.was_silent(now_s) {
-            self.vehicle.doubt(now_s);
-            self.stale_until_s = now_s + SETTLED_S;
-        }
-        if now_s < self.stale_until_s {
+        if self.hearing.arrivals.is_stale(now_s) {
             return; // it has waited in the link
         }
         if let Telemetry::Position(fix) = telemetry
@@ -221,10 +159,10 @@ impl VehicleControl {
         {
             return;
         }
-        self.vehicle.hear(telemetry, self.assignment.low_battery, now_s);
+        self.vehicle.hear(telemetry, &self.assignment.modes, self.assignment.low_battery, now_s);
         match telemetry {
             Telemetry::Answer { command, result } => self.hear_answer(*command, *result, now_s),
-            Telemetry::Text(text) => self.said.quote(text, now_s),
+            Telemetry::Text { text, line } => self.said.quote_part(text, *line, now_s),
             Telemetry::Parameter { name, value, is_integer } => {
                 if let Some(autopilot) = self.vehicle.autopilot {
                     self.preflight.hear_parameter(autopilot, name, autopilot.parameter(*value, *is_integer));
@@ -236,13 +174,14 @@ impl VehicleControl {
 
     /// Notes, and says, whether the vehicle can be at `fix`.
     fn admit_fix(&mut self, fix: &Fix, now_s: f64) -> bool {
-        if self.phase == Phase::Preflight && self.jumps.away_for_s(now_s) >= MOVED_S {
-            self.jumps = Jumps::at_most(self.assignment.speed_mps);
+        let jumps = &mut self.hearing.jumps;
+        if matches!(self.state, State::Check { .. }) && jumps.away_for_s(now_s) >= MOVED_S {
+            *jumps = Jumps::at_most(self.assignment.speed_mps);
         }
-        let plausibility = self.jumps.admit(self.frame.position(fix), now_s);
+        let plausibility = jumps.admit(self.assignment.frame.position(fix), now_s);
         let Fix { lat_deg, lon_deg, .. } = fix;
         match plausibility {
-            Plausibility::Plausible => {}
+            Plausibility::Plausible | Plausibility::StillAway => {}
             Plausibility::Again => self.said.say(format!("is believed again to be at {lat_deg}, {lon_deg}")),
             Plausibility::Jump { away_m } => {
                 let km = away_m.map_or("far".to_owned(), |away_m| format!("{:.1} km", away_m / 1e3));
@@ -250,162 +189,407 @@ impl VehicleControl {
                     "is not believed to be at {lat_deg}, {lon_deg}, {km} from where it was: it gets no waypoints meanwhile"
                 ));
             }
-            Plausibility::StillAway => {}
         }
         matches!(plausibility, Plausibility::Plausible | Plausibility::Again)
     }
 
     fn hear_answer(&mut self, command: u16, result: u8, now_s: f64) {
+        if self.outbox.hear_answer(command, result, now_s) && result != ACCEPTED {
+            let what = match self.state {
+                State::Climb => Some(("take-off", "refuses to take off", "for two minutes")),
+                State::Home { .. } => Some(("return", "refuses to return", "for half a minute")),
+                _ => None, // arming: said with the transition
+            };
+            if let Some((matter, what, how_long)) = what {
+                let line = format!("{what}: MAVLink result {result}; it is asked again {how_long}");
+                self.said.say_while(matter, Some(line), 0.0, now_s);
+            }
+        }
         let Some(order) = self.outbox.answer(command, result, now_s) else { return };
-        if order == Order::Arm {
-            self.takeover.answer_arming(result == ACCEPTED);
-            if result == ACCEPTED {
-                self.note_arming(now_s);
-            }
-        }
-        if result == ACCEPTED {
-            if matches!(order, Order::TakeOff(_) | Order::Return) {
-                self.retry_s = now_s + REORDER_S;
-            }
-            return;
-        }
-        self.retry_s = now_s + RETRY_S;
-        let refused = match order {
-            Order::Arm => Some(["to be armed", "while the checks hold"]),
-            Order::TakeOff(_) => Some(["to take off", "for two minutes"]),
-            Order::Return => Some(["to return", "and gets no heartbeats after half a minute"]),
-            _ => None,
-        };
-        let is_new = !self.said_refused.contains(&command);
-        if let Some([what, how_long]) = refused.filter(|_| is_new) {
-            self.said_refused.push(command);
-            self.said.say(format!("refuses {what}: MAVLink result {result}; it is asked again {how_long}"));
-        }
+        let is_flown = self.vehicle.autopilot == Some(AutopilotKind::Px4) && result == UNSUPPORTED;
         match order {
-            Order::Return => self.outbox.send(order, self.retry_s),
-            Order::Reposition { .. } if result == TEMPORARILY_REJECTED => self.outbox.send(order, self.retry_s),
-            Order::Reposition { to, may_change_mode: false }
-                if result == UNSUPPORTED && self.vehicle.autopilot.is_some_and(AutopilotKind::may_change_mode) =>
-            {
-                self.must_change_mode = true;
-                self.outbox.send(Order::Reposition { to, may_change_mode: true }, now_s);
-            }
-            Order::Reposition { .. } => {
-                self.has_refused = true;
+            _ if result == ACCEPTED => {}
+            Order::Reposition { .. } if is_flown => {}
+            Order::Reposition { .. } if result == TEMPORARILY_REJECTED => self.outbox.send(order, now_s + RETRY_S),
+            Order::Speed(speed_mps) => self.said.say(format!("keeps its own speed, not {speed_mps} m/s")),
+            _ => {
+                self.waypoint.iter_mut().for_each(|waypoint| waypoint.is_refused = true);
                 self.said.say(format!("refuses its waypoint: MAVLink result {result}"));
             }
-            Order::Speed(speed_mps) => self.said.say(format!("keeps its own speed, not {speed_mps} m/s")),
-            _ => {} // tried again
         }
     }
 
-    /// Notes that the vehicle was armed by an order.
-    fn note_arming(&mut self, now_s: f64) {
-        if self.takeover.note_armed(now_s) {
-            self.vehicle.recount_disarmed();
+    /// Flies to `target` [m] and holds there, as soon as it may; without effect before the flight and after it.
+    pub fn fly_to(&mut self, target: Point3<f64>, now_s: f64) {
+        let State::Fly { .. } = self.state else { return };
+        self.waypoint = Some(Waypoint::at(target));
+        self.queue_waypoint(now_s);
+    }
+
+    /// Sends the waypoint as soon as it may be sent.
+    fn queue_waypoint(&mut self, now_s: f64) {
+        let home_m = self.home_m();
+        let (Some(waypoint), Some(autopilot), Some(home_m)) = (&mut self.waypoint, self.vehicle.autopilot, home_m)
+        else {
+            return;
+        };
+        waypoint.is_queued = true;
+        let Some(place) = self.assignment.frame.geodetic(&waypoint.at) else { return };
+        let altitude = autopilot.altitude(waypoint.at.z, home_m);
+        let to = GlobalTarget { lat_deg: place.lat_deg, lon_deg: place.lon_deg, altitude };
+        let speed_mps = autopilot.takes_speed_with_waypoint().then_some(self.assignment.speed_mps);
+        self.outbox.send(Order::Reposition { to, speed_mps }, now_s);
+    }
+
+    /// Ends its mission, because of `why`: it flies home, or does not take off.
+    pub fn return_home(&mut self, why: &str) {
+        if self.end.is_empty() && self.state.is_ours() {
+            why.clone_into(&mut self.end);
         }
     }
 
-    /// Advances to `now_s` [s]; adds the orders that are due to `orders`.
-    ///
-    /// # Errors
-    /// If the vehicle must not take off.
-    pub fn poll(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        if !matches!(self.phase, Phase::TakenOver | Phase::Landed) {
+    /// Ends its mission before it flies, because of `why`. One that the run before may have left in the air gets no commands
+    /// and no heartbeats.
+    pub fn refuse(&mut self, why: &str) {
+        if let State::Check { may_fly_on } = self.state {
+            self.state = if may_fly_on { State::Silent } else { State::Done };
+            self.end_with(why, if may_fly_on { "is left to its GCS failsafe" } else { "is not armed" });
+        }
+    }
+
+    fn end_with(&mut self, why: &str, what: &str) {
+        self.said.say(format!("{what}: {why}"));
+        why.clone_into(&mut self.end);
+    }
+
+    /// Advances to `now_s` [s], by one step of the table; adds the orders that are due to `orders`. Whether `are_all_checked`
+    /// is the same for all vehicles. Returns why it has ended before it was armed, if that is new.
+    pub fn poll(&mut self, now_s: f64, are_all_checked: bool, orders: &mut Vec<Order>) -> Option<PreflightRefusal> {
+        if self.state.is_ours() {
             orders.extend(self.vehicle.requests(now_s));
         }
-        let [has_new_mode, has_new_heartbeat] = self.vehicle.take_new_reports();
-        self.notice_silence(now_s);
-        match self.phase {
-            Phase::Preflight => self.check(now_s, orders)?,
-            Phase::Arming => self.arm(now_s, orders),
-            Phase::TakeOff => self.climb(now_s),
-            Phase::Flying => self.watch(now_s),
-            Phase::Returning => self.come_home(now_s),
-            Phase::TakenOver => self.await_landing(now_s),
-            Phase::Landed => {}
+        if matches!(self.state, State::Climb | State::Fly { .. }) && self.vehicle.power.is_low() {
+            let has = 100.0 * self.vehicle.power.left.unwrap_or_default();
+            let limit = 100.0 * self.assignment.low_battery;
+            self.return_home(&format!("its battery is at {has:.0} %, below {limit:.0} %"));
         }
-        let says_disarmed = self.is_committed() && self.vehicle.is_armed() == Some(false);
-        let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
-        let is_astray = self.jumps.is_doubtful(now_s) || self.is_blind;
-        let (is_placed, is_checked) = (self.has_current_position(now_s), self.is_checked);
-        // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt; before it is
-        // in the air, one that says whether it is armed, too.
-        let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| order.may_overrule(autopilot));
-        let may_send = |order: &Order| {
-            let may_fly = match order {
-                Order::Reposition { .. } => !is_astray,
-                Order::Arm => is_placed && is_checked,
-                Order::TakeOff(_) => is_placed,
-                _ => true,
-            };
-            let is_before_flight = matches!(order, Order::Mode(_) | Order::Arm | Order::TakeOff(_));
-            let is_told = if is_before_flight { has_new_heartbeat } else { has_new_mode };
-            !is_in_doubt && may_fly && (is_told || !may_overrule(order))
+        if self.waypoint.is_some_and(|waypoint| !waypoint.is_queued) {
+            self.queue_waypoint(now_s);
+        }
+        let checks = self.check(now_s, orders);
+        let input = self.input(checks, are_all_checked, now_s);
+        let before = self.state;
+        let (state, commands, line) = step(before, &input);
+        if std::mem::discriminant(&state) != std::mem::discriminant(&before) {
+            self.since_s = now_s;
+        }
+        self.state = state;
+        line.into_iter().for_each(|line| self.say_line(line));
+        if state != before {
+            self.begin(state, now_s);
+        }
+        commands.iter().for_each(|command| self.command(*command, now_s, orders));
+        self.say_what_lasts(&input, now_s);
+        let was_refused = matches!(before, State::Check { .. }) && !state.is_ours() && !input.is_over;
+        was_refused.then(|| PreflightRefusal(self.end.clone()))
+    }
+
+    /// Whether the checks before take-off hold now. Of a vehicle that may be in the air nothing is checked.
+    fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Checks {
+        let State::Check { may_fly_on: false } = self.state else { return Checks::Hold };
+        let position = self.position().filter(|_| self.has_current_position(now_s));
+        self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders)
+    }
+
+    /// What the table has to know.
+    fn input(&mut self, checks: Checks, are_all_checked: bool, now_s: f64) -> Input {
+        let is_new = self.vehicle.belief.take_new();
+        let above_home_m = self.position().map(|position| position.z);
+        let height = match above_home_m {
+            _ if self.vehicle.is_on_ground(now_s) => Height::Ground,
+            Some(z_m) if z_m > self.assignment.start.z - CLIMBED_M && !self.vehicle.takes_off() => Height::Up,
+            _ => Height::Low,
         };
-        let due: Vec<Order> = self.outbox.due(now_s, may_send).collect();
-        for order in due {
-            if order == Order::Arm {
-                self.has_ordered_arming = self.takeover.is_arming();
-                self.vehicle.recount_disarmed();
-                self.arming_s = now_s;
-            }
-            self.takeover.order(&order);
-            orders.push(order);
-        }
-        Ok(())
-    }
-
-    /// Says once that the vehicle is not heard any more.
-    fn notice_silence(&mut self, now_s: f64) {
-        if let Some(silence_s) = self.vehicle.silence_s(now_s).filter(|_| !self.is_lost && self.phase != Phase::Landed)
-        {
-            self.is_lost = true;
-            self.said.say(format!("is not heard any more, for {silence_s:.0} s"));
-        }
-        let was_blind = std::mem::replace(&mut self.is_blind, !self.vehicle.has_current_fix(now_s));
-        let is_heard = !self.is_lost && !self.vehicle.is_in_doubt();
-        if self.is_blind && !was_blind && is_heard && self.phase == Phase::Flying {
-            self.said.say("does not say where it is any more: it gets no waypoints meanwhile".to_owned());
+        Input {
+            believed: self.vehicle.believed(now_s),
+            is_new,
+            says_armed: self.vehicle.says_armed(),
+            height,
+            is_placed: self.has_current_position(now_s),
+            checks,
+            are_all_checked,
+            is_refused: self.outbox.is_refused(),
+            may_repeat: self.outbox.may_repeat(now_s),
+            is_late: self.state.limit_s().is_some_and(|limit_s| now_s - self.since_s > limit_s),
+            failsafe: self.vehicle.failsafe(now_s),
+            has_waypoint: self.outbox.is_due(now_s),
+            is_at_start: self.hovers_at_start(now_s),
+            is_over: !self.end.is_empty(),
         }
     }
 
-    /// Ends the orders if somebody else flies the vehicle. Returns whether.
-    fn end_if_taken_over(&mut self) -> bool {
-        let why = self.takeover.check(&self.vehicle);
-        let is_on_ground = match self.phase {
-            Phase::Arming | Phase::TakeOff => self.takeover.has_armed(),
-            Phase::Returning => self.vehicle.is_armed() == Some(true),
-            _ => false,
-        };
-        let is_armed_again = is_on_ground && self.vehicle.is_armed_again();
-        let why = why.or_else(|| is_armed_again.then(|| "somebody else has armed it".to_owned()));
-        if let Some(why) = &why {
-            self.give_up(why);
-        }
-        why.is_some()
-    }
-
-    /// Ends the mission of a vehicle that has disarmed. Returns whether.
-    fn end_if_disarmed(&mut self, now_s: f64) -> bool {
-        let is_down = self.vehicle.has_disarmed(now_s);
-        if is_down {
-            self.said.say("has disarmed: its mission is over".to_owned());
-            self.land("it has disarmed");
-        }
-        is_down
-    }
-
-    /// Ends its mission on the ground, because of `why` unless it had ended before.
-    fn land(&mut self, why: &str) {
-        self.note_end(why);
+    /// What begins with a state.
+    fn begin(&mut self, state: State, now_s: f64) {
         self.outbox.clear();
-        self.phase = Phase::Landed;
+        if let State::Fly { has_begun: false } = state {
+            self.waypoint = Some(Waypoint::at(self.assignment.start));
+            self.outbox.send(Order::Speed(self.assignment.speed_mps), now_s);
+            self.queue_waypoint(now_s);
+        }
     }
 
-    fn note_end(&mut self, why: &str) {
-        if self.end.is_empty() {
-            why.clone_into(&mut self.end);
+    fn command(&mut self, command: Command, now_s: f64, orders: &mut Vec<Order>) {
+        let order = match command {
+            Command::Waypoint => return orders.extend(self.outbox.due(now_s)),
+            Command::Arm => {
+                self.home_m = self.vehicle.home_m();
+                Order::Arm
+            }
+            Command::TakeOff => {
+                let (Some(autopilot), Some(home_m)) = (self.vehicle.autopilot, self.home_m()) else { return };
+                Order::TakeOff(autopilot.altitude(self.assignment.start.z, home_m))
+            }
+            Command::Return => Order::Return,
+        };
+        self.outbox.note_sent(order, now_s);
+        orders.push(order);
+    }
+
+    /// Says what a transition means, and keeps why the mission ends.
+    fn say_line(&mut self, line: Line) {
+        let mode = self.vehicle.mode_name();
+        let what = match line {
+            Line::Arming => {
+                let findings = self.preflight.findings(&self.vehicle);
+                findings.into_iter().for_each(|line| self.said.say(line));
+                return self.said.say("is checked: arming".to_owned());
+            }
+            Line::HasTakenOff => {
+                let at_m = self.position().map_or(0.0, |position| position.z);
+                return self.said.say(format!("has taken off to {at_m:.1} m"));
+            }
+            Line::FliesOn => return self.said.say("is in the air: flying on".to_owned()),
+            Line::IsAtStart => return self.said.say("hovers at its start".to_owned()),
+            Line::Returns(_) => "returns",
+            Line::HandsOff(_) => "is overridden",
+            Line::Silent(_) => "is left to its GCS failsafe",
+            Line::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
+            Line::Done(Ending::Over | Ending::ChecksFailed | Ending::ArmingRefused | Ending::ArmingLost) => {
+                "is not flown"
+            }
+            Line::Done(Ending::NoTakeOff) => "stays on the ground",
+            Line::Done(_) if self.end.is_empty() => "its mission is over",
+            Line::Done(_) => return self.said.say("is on the ground, disarmed".to_owned()),
+        };
+        let why = match line {
+            Line::Returns(Ending::NoClimb) => "it does not reach its altitude within two minutes".to_owned(),
+            Line::Returns(Ending::NoStart) => "it does not reach its start within ten minutes".to_owned(),
+            Line::HandsOff(Control::Armed) => format!(
+                "it is armed ({mode}), by somebody else or by an earlier run: expected it on the ground, disarmed"
+            ),
+            Line::HandsOff(Control::Mode) => format!("its mode changed to {mode}"),
+            Line::HandsOff(Control::Return) => {
+                format!("it returns or lands by itself ({mode}): a failsafe, or a pilot")
+            }
+            Line::HandsOff(Control::ReturnStopped) => format!("its return was stopped ({mode})"),
+            Line::Silent(Left::NoReturn) => "it does not return within half a minute".to_owned(),
+            Line::Silent(Left::Restarted) => {
+                "the bridge was restarted between its command to arm and its mission, or in its return".to_owned()
+            }
+            Line::Done(Ending::ChecksFailed) => self.preflight.missing.clone(),
+            Line::Done(Ending::ArmingRefused) => {
+                format!("it refuses to be armed: MAVLink result {}", self.outbox.result().unwrap_or_default())
+            }
+            Line::Done(Ending::ArmingLost) => "it is not armed 13 s after the command".to_owned(),
+            Line::Done(Ending::NoTakeOff) => "it does not take off within two minutes".to_owned(),
+            Line::Done(Ending::Disarmed) => "it has disarmed".to_owned(),
+            _ => self.end.clone(),
+        };
+        let more = match line {
+            Line::HandsOff(_) => {
+                ". The bridge gives it no more commands in this run, which goes on until it has landed; Ctrl-C ends the run, \
+                 and with it the heartbeats for which its GCS failsafe waits"
+            }
+            Line::Silent(_) => ". The bridge gives it no commands and no heartbeats",
+            _ => "",
+        };
+        self.said.say(format!("{what}: {why}{more}"));
+        if !matches!(line, Line::Returns(Ending::Over) | Line::Done(Ending::Over)) {
+            self.end = why;
+        }
+    }
+
+    /// Says what a vehicle does not do, does not say, or is waited for, while that lasts.
+    fn say_what_lasts(&mut self, input: &Input, now_s: f64) {
+        let is_lost = self.vehicle.is_lost(now_s);
+        let is_in_flight = matches!(self.state, State::Climb | State::Fly { .. });
+        let is_blind = is_in_flight && !is_lost && self.vehicle.fix().is_some() && !self.vehicle.has_current_fix(now_s);
+        let is_on_ground = input.height == Height::Ground;
+        let is_off = matches!(self.state, State::Home { .. } | State::Done);
+        let does_not_agree = self.state.is_flown() && input.believed.is_none() && !is_lost && self.is_heard(now_s);
+        let lost = match self.hearing.arrivals.silence_s(now_s) {
+            Some(silence_s) if silence_s < RETRY_S => "does not say its mode any more, for 3 s",
+            _ => "is not heard any more, for 3 s",
+        };
+        let lines: [(&'static str, bool, f64, String); 7] = [
+            ("lost", is_lost && self.state != State::Done, 0.0, lost.to_owned()),
+            ("blind", is_blind, 0.0, "does not say where it is any more: it gets no waypoints meanwhile".to_owned()),
+            (
+                "failsafe",
+                is_in_flight && input.failsafe != Failsafe::Off,
+                0.0,
+                "says that a failsafe of it acts: it gets no waypoints meanwhile".to_owned(),
+            ),
+            (
+                "doubt",
+                does_not_agree,
+                SAID_S,
+                "its reports of mode and arming do not agree: it gets no commands".to_owned(),
+            ),
+            ("stands", is_off && input.says_armed && is_on_ground, SAID_S, "stands on the ground, armed".to_owned()),
+            (
+                "armed",
+                self.state == State::Done && input.says_armed && !is_on_ground,
+                MISSING_S,
+                "is armed and in the air, though its mission is over: it gets no commands".to_owned(),
+            ),
+            ("progress", self.progress(input).is_some(), SAID_S, self.progress(input).unwrap_or_default()),
+        ];
+        for (matter, is_so, after_s, line) in lines {
+            let has_ended = self.said.say_while(matter, is_so.then_some(line), after_s, now_s);
+            if has_ended && matter == "lost" {
+                self.said.say("is heard again".to_owned());
+            }
+        }
+        let missing = matches!(self.state, State::Check { .. }).then(|| match input.checks {
+            Checks::Hold if input.believed.is_none() => "waiting for it to report the same twice in a row".to_owned(),
+            Checks::Hold => "is checked, and waits for the others".to_owned(),
+            _ => format!("waiting for it {}", self.preflight.missing),
+        });
+        self.said.say_while("missing", missing, MISSING_S, now_s);
+    }
+
+    /// How far it is from where it has to be, for people; `None` if it is there, or on its way in a slot.
+    fn progress(&self, input: &Input) -> Option<String> {
+        let position = self.position()?;
+        match self.state {
+            State::Climb => Some(format!("climbs: at {:.1} m of {:.1} m", position.z, self.assignment.start.z)),
+            State::Fly { has_begun: false } => {
+                let away_m = (position - self.assignment.start).norm();
+                Some(format!("is on its way to its start, {away_m:.1} m away: expected to hover within {REACHED_M} m"))
+            }
+            State::Fly { has_begun: true } if input.failsafe == Failsafe::Off => {
+                let away_m = self.waypoint.map(|waypoint| (position - waypoint.at).norm())?;
+                let stands = self.vehicle.speed_mps().is_some_and(|speed_mps| speed_mps <= HOVER_MPS);
+                (stands && away_m > REACHED_M)
+                    .then(|| format!("does not follow: it stands {away_m:.1} m from its waypoint"))
+            }
+            _ => None,
+        }
+    }
+
+    fn hovers_at_start(&self, now_s: f64) -> bool {
+        let is_near = self.position().is_some_and(|at| (at - self.assignment.start).norm() <= REACHED_M);
+        let is_slow = self.vehicle.speed_mps().is_some_and(|speed_mps| speed_mps <= HOVER_MPS);
+        is_near && is_slow && self.has_current_position(now_s)
+    }
+
+    /// Whether it gets heartbeats. A vehicle that may be in the air gets none if its GCS failsafe has to bring it home: the
+    /// bridge does not fly it, and nobody else is known to, or it was not heard for long.
+    pub fn heartbeats(&self, now_s: f64) -> Heartbeats {
+        let is_called = self.vehicle.autopilot.is_none() && now_s % CALL_EVERY_S < CALL_S;
+        let may_fly = self.state != State::Check { may_fly_on: false };
+        let is_withheld = match self.state {
+            State::Done if !self.vehicle.says_armed() => return Heartbeats::Idle,
+            State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows), // else somebody flies it again
+            State::Silent => !is_called,
+            _ => may_fly && self.vehicle.belief.silence_s(now_s) >= UNHEARD_S && !is_called,
+        };
+        if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }
+    }
+
+    /// The state of its mission.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Whether it was heard, and not too long ago.
+    pub fn is_heard(&self, now_s: f64) -> bool {
+        self.vehicle.autopilot.is_some() && !self.vehicle.is_lost(now_s)
+    }
+
+    /// What it is waited for before take-off, in words after "waited for it"; `None` if nothing is.
+    pub fn missing(&self) -> Option<&str> {
+        let is_waited_for = matches!(self.state, State::Check { .. }) && !self.preflight.missing.is_empty();
+        is_waited_for.then_some(&*self.preflight.missing)
+    }
+
+    /// Why its mission is to end, or has ended; empty while it goes on.
+    pub fn end(&self) -> &str {
+        &self.end
+    }
+
+    /// Whether the checks before take-off hold, or are over.
+    pub fn is_checked(&self) -> bool {
+        !matches!(self.state, State::Check { may_fly_on: false })
+            || self.preflight.missing.is_empty() && self.vehicle.autopilot.is_some()
+    }
+
+    /// Whether the bridge has commanded it to arm, or the one before.
+    pub fn is_committed(&self) -> bool {
+        !matches!(self.state, State::Check { .. })
+    }
+
+    /// Whether it flies to the waypoints of plans, as far as is known.
+    pub fn follows_plans(&self, now_s: f64) -> bool {
+        matches!(self.state, State::Fly { .. }) && !self.has_refused() && self.has_current_position(now_s)
+    }
+
+    /// Whether it has refused its waypoint.
+    pub fn has_refused(&self) -> bool {
+        self.waypoint.is_some_and(|waypoint| waypoint.is_refused)
+    }
+
+    /// Where it was sent last [m], if it may be on its way there.
+    pub fn target(&self) -> Option<Point3<f64>> {
+        self.waypoint.map(|waypoint| waypoint.at).filter(|_| matches!(self.state, State::Fly { .. }))
+    }
+
+    /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds.
+    pub fn home_m(&self) -> Option<f64> {
+        self.home_m.or_else(|| self.vehicle.home_m())
+    }
+
+    /// That altitude, once it was armed.
+    pub fn saved_home_m(&self) -> Option<f64> {
+        self.home_m
+    }
+
+    /// Where it is [m]; `None` if that was never known. Its altitude is above its home as it was when it was armed, if its
+    /// waypoints are.
+    pub fn position(&self) -> Option<Point3<f64>> {
+        let fix = self.vehicle.fix()?;
+        let position = self.assignment.frame.position(fix)?;
+        let home_m = self.home_m.filter(|_| self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea));
+        Some(home_m.map_or(position, |home_m| above(&position.xy(), fix.above_sea_m - home_m)))
+    }
+
+    /// Whether its position is current, and believed.
+    pub fn has_current_position(&self, now_s: f64) -> bool {
+        self.vehicle.has_current_fix(now_s) && !self.hearing.jumps.is_doubtful(now_s)
+    }
+
+    /// How far from its start a vehicle is [m].
+    pub fn away_m(&self, fix: &Fix) -> Option<f64> {
+        Some((self.assignment.frame.position(fix)?.xy() - self.assignment.start.xy()).norm())
+    }
+
+    /// Whether it needs no further command: it says that it returns, is flown by others, or is on the ground.
+    pub fn is_homebound(&self) -> bool {
+        match self.state {
+            State::Home { was_seen } => was_seen || self.outbox.result() == Some(ACCEPTED),
+            State::HandsOff | State::Silent | State::Done => true,
+            _ => false,
         }
     }
 }

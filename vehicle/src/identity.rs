@@ -14,22 +14,8 @@ const LISTEN_S: f64 = 4.0;
 /// How long a vehicle keeps its address against a second sender of its system [s].
 const KEEPS_ADDRESS_S: f64 = 2.0;
 
-/// How late messages of an address that is not used any more may come [s].
-const REORDERED_S: f64 = 0.5;
-
 /// How long a restarted bridge waits for a vehicle where it was [s].
 const EXPECTED_S: f64 = 10.0;
-
-/// How far the clock of a vehicle may be from where it should be [s], and more for each second of silence.
-const CLOCK_S: f64 = 1.0;
-const CLOCK_DRIFT: f64 = 0.02;
-
-/// How far a vehicle may be from its last position [m], and more for each second of silence [m/s].
-const NEAR_M: f64 = 20.0;
-const FAST_MPS: f64 = 30.0;
-
-/// Length of a degree of latitude [m].
-const DEGREE_M: f64 = 111_200.0;
 
 /// Types of vehicles that hover, and whose modes are those of copters.
 const HOVERING: [MavType; 9] = [
@@ -57,20 +43,17 @@ pub struct Vehicles {
 /// A vehicle on a connection.
 #[derive(Debug, Clone)]
 struct Heard {
-    /// Its first heartbeat.
-    first: HEARTBEAT_DATA,
     kind: MavType,
     autopilot: MavAutopilot,
     address: Option<SocketAddr>,
     /// When it was heard from that address [s].
     heard_s: f64,
-    /// Another address that has sent for its system, when it did so first [s], and whether the first has sent since.
+    /// Another address that has sent for its system.
     second: Option<SocketAddr>,
-    second_s: f64,
-    is_beside: bool,
     /// Its last position, and when that was heard [s].
     fix: Option<(Fix, f64)>,
-    /// Whether its type is believed for good: ArduCopter tells its own only after a while.
+    /// Whether its type and its address are believed for good, as it is flown: ArduCopter tells its own type only after a
+    /// while.
     is_fixed: bool,
 }
 
@@ -83,8 +66,6 @@ pub enum Sender {
     Moved,
     /// From a second address of a system that is heard from another.
     Second,
-    /// From a new address, as the old one is silent; nothing shows yet that it is the same vehicle.
-    Unproven,
     /// Of a system without an autopilot, so far.
     Unknown,
 }
@@ -110,19 +91,7 @@ impl Vehicles {
         self.first_s.get_or_insert(now_s);
         let is_new = !self.heard.contains_key(&system);
         let HEARTBEAT_DATA { mavtype: kind, autopilot, .. } = *heartbeat;
-        let first = heartbeat.clone();
-        let new = Heard {
-            first,
-            kind,
-            autopilot,
-            address,
-            heard_s: now_s,
-            second: None,
-            second_s: 0.0,
-            is_beside: false,
-            fix: None,
-            is_fixed: false,
-        };
+        let new = Heard { kind, autopilot, address, heard_s: now_s, second: None, fix: None, is_fixed: false };
         let heard = self.heard.entry(system).or_insert(new);
         if !heard.is_fixed && heard.address == address {
             (heard.kind, heard.autopilot) = (kind, autopilot);
@@ -136,43 +105,24 @@ impl Vehicles {
         self.heard.get(&system).is_some_and(is_same)
     }
 
-    /// Takes in that `system` has sent a valid message from `from`; `fix` is the position that it reports, if it does.
-    /// After a silence a vehicle in flight is believed elsewhere only if it goes on from where it was, by its clock.
-    pub fn hear(&mut self, system: u8, from: Option<SocketAddr>, fix: Option<&Fix>, now_s: f64) -> Sender {
+    /// Takes in that `system` has sent a valid message from `from`. Once it is flown, another sender is silence.
+    pub fn hear(&mut self, system: u8, from: Option<SocketAddr>, now_s: f64) -> Sender {
         let Some(heard) = self.heard.get_mut(&system) else { return Sender::Unknown };
         if heard.address == from {
             heard.heard_s = now_s;
-            heard.is_beside |= heard.second.is_some() && now_s - heard.second_s >= REORDERED_S;
             return Sender::Known;
         }
-        // One that has spoken beside the vehicle is not the vehicle, now or later.
-        let is_beside = heard.is_beside && from.is_some() && heard.second == from;
-        if now_s - heard.heard_s < KEEPS_ADDRESS_S || is_beside {
-            if heard.second.is_none() {
-                (heard.second, heard.second_s) = (from, now_s);
-            }
+        if heard.is_fixed || now_s - heard.heard_s < KEEPS_ADDRESS_S {
+            heard.second = heard.second.or(from);
             return Sender::Second;
         }
-        if let Some((last, last_s)) = &heard.fix
-            && heard.is_fixed
-            && !fix.is_some_and(|fix| goes_on(last, fix, now_s - last_s))
-        {
-            return Sender::Unproven;
-        }
-        heard.address = from;
-        heard.heard_s = now_s;
+        (heard.address, heard.heard_s) = (from, now_s);
         heard.second = heard.second.filter(|second| Some(*second) != from);
-        heard.is_beside &= heard.second.is_some();
         Sender::Moved
     }
 
-    /// The first heartbeat of `system`.
-    pub fn first_heartbeat(&self, system: u8) -> Option<&HEARTBEAT_DATA> {
-        Some(&self.heard.get(&system)?.first)
-    }
-
-    /// Believes the type of `system` for good.
-    pub fn fix_type(&mut self, system: u8) {
+    /// Believes the type and the address of `system` for good.
+    pub fn fix(&mut self, system: u8) {
         if let Some(heard) = self.heard.get_mut(&system) {
             heard.is_fixed = true;
         }
@@ -183,6 +133,11 @@ impl Vehicles {
         if let Some(heard) = self.heard.get_mut(&system) {
             heard.fix = Some((*fix, now_s));
         }
+    }
+
+    /// Whether any vehicle was heard.
+    pub fn is_empty(&self) -> bool {
+        self.heard.is_empty()
     }
 
     /// The address of `system`; `None` if it was not heard, or not over UDP.
@@ -242,7 +197,8 @@ impl Vehicles {
         ))
     }
 
-    /// Checks that `system` hovers, and is one vehicle, or that of the bridge before. A generic one, of which nothing is known, hovers if it is named.
+    /// Checks that `system` hovers, and is one vehicle, or that of the bridge before. A generic one hovers if it
+    /// is named.
     ///
     /// # Errors
     /// If not, in words.
@@ -267,15 +223,6 @@ impl Vehicles {
         let kind = self.heard.get(&system).map(|heard| format!(" ({})", name(heard.kind)));
         format!("system {system}{}", kind.unwrap_or_default())
     }
-}
-
-/// Whether `fix` may be a later one of the vehicle of `last`, after `seconds` [s]: its clock goes on, and it is no farther
-/// than a vehicle flies in that time.
-fn goes_on(last: &Fix, fix: &Fix, seconds: f64) -> bool {
-    let north_m = (fix.lat_deg - last.lat_deg) * DEGREE_M;
-    let east_m = (fix.lon_deg - last.lon_deg) * DEGREE_M * last.lat_deg.to_radians().cos();
-    let is_in_time = (fix.boot_s - last.boot_s - seconds).abs() <= CLOCK_S + CLOCK_DRIFT * seconds;
-    is_in_time && north_m.hypot(east_m) <= NEAR_M + FAST_MPS * seconds
 }
 
 /// The name of a type, such as `ground rover`.
@@ -354,21 +301,16 @@ mod tests {
     #[test]
     fn a_vehicle_keeps_its_address_until_it_is_silent_there() {
         let mut one = heard(&[(1, MAV_TYPE_QUADROTOR)]);
-        assert_eq!(one.hear(2, address(1), None, 0.5), Sender::Unknown);
-        assert_eq!(one.hear(1, address(1), None, 1.0), Sender::Known);
-        assert_eq!(one.hear(1, address(9), None, 2.9), Sender::Second);
+        assert_eq!(one.hear(2, address(1), 0.5), Sender::Unknown);
+        assert_eq!(one.hear(1, address(1), 1.0), Sender::Known);
+        assert_eq!(one.hear(1, address(9), 2.9), Sender::Second);
         assert_eq!(one.address(1), address(1));
         let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
         assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
         let mut moved = one.clone();
-        assert_eq!(moved.hear(1, address(9), None, 3.0), Sender::Moved, "it was silent from then on");
+        assert_eq!(moved.hear(1, address(9), 3.0), Sender::Moved, "it was silent from then on");
         assert_eq!(moved.choose(Some(1), 9.0, |_| None), Ok(Some(1)), "it is heard from there alone");
-        assert_eq!(one.hear(1, address(1), None, 3.3), Sender::Known);
-        assert_eq!(one.clone().hear(1, address(9), None, 5.3), Sender::Moved, "that one came late");
-        assert_eq!(one.hear(1, address(1), None, 3.5), Sender::Known);
-        assert_eq!(one.hear(1, address(9), None, 60.0), Sender::Second, "it was beside the vehicle");
-        assert_eq!(one.hear(1, address(8), None, 61.0), Sender::Moved);
-        assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(8), false));
+        assert_eq!((moved.address(1), moved.is_at(address(1).unwrap())), (address(9), false));
     }
 
     #[test]
@@ -377,38 +319,17 @@ mod tests {
         one.expect(1, address(5).unwrap());
         let heartbeat = HEARTBEAT_DATA { mavtype: MAV_TYPE_QUADROTOR, ..HEARTBEAT_DATA::default() };
         assert!(!one.hear_heartbeat(1, &heartbeat, address(9), 1.0));
-        assert_eq!(one.hear(1, address(9), None, 1.0), Sender::Unknown);
+        assert_eq!(one.hear(1, address(9), 1.0), Sender::Unknown);
         assert!(one.clone().hear_heartbeat(1, &heartbeat, address(5), 2.0));
         assert!(one.hear_heartbeat(1, &heartbeat, address(9), EXPECTED_S), "it is not there any more");
     }
 
     #[test]
-    fn a_vehicle_in_flight_is_believed_elsewhere_only_if_it_goes_on_from_where_it_was() {
-        let fix = |lat_deg: f64, boot_s: f64| Fix {
-            lat_deg,
-            lon_deg: 8.0,
-            above_home_m: 20.0,
-            above_sea_m: 500.0,
-            velocity_mps: [0.0; 3],
-            heading_deg: 0.0,
-            boot_s,
-        };
+    fn another_sender_of_a_vehicle_in_flight_is_silence() {
         let mut one = heard(&[(1, MAV_TYPE_QUADROTOR)]);
-        one.locate(1, &fix(47.0, 100.0), 1.0);
-        assert_eq!(one.clone().hear(1, address(9), None, 60.0), Sender::Moved, "before it is flown");
-        one.fix_type(1);
-        for (other, expected) in [
-            (None, Sender::Unproven),
-            (Some(fix(47.0, 60.0)), Sender::Unproven),  // of another clock
-            (Some(fix(47.1, 110.0)), Sender::Unproven), // 11 km away
-            (Some(fix(47.001, 110.0)), Sender::Moved),
-            (Some(Fix { lon_deg: 8.004, ..fix(47.0, 110.0) }), Sender::Moved), // 303 m, of 320
-            (Some(Fix { lon_deg: 8.0043, ..fix(47.0, 110.0) }), Sender::Unproven),
-            (Some(fix(47.0, 111.15)), Sender::Moved), // 1 s, and 2 % of 10 s
-            (Some(fix(47.0, 111.25)), Sender::Unproven),
-        ] {
-            assert_eq!(one.clone().hear(1, address(9), other.as_ref(), 11.0), expected, "{other:?}");
-        }
-        assert_eq!(one.address(1), address(1));
+        assert_eq!(one.clone().hear(1, address(9), 60.0), Sender::Moved, "before it is flown");
+        one.fix(1);
+        assert_eq!([11.0, 3600.0].map(|now_s| one.hear(1, address(9), now_s)), [Sender::Second; 2]);
+        assert_eq!((one.address(1), one.hear(1, address(1), 3601.0)), (address(1), Sender::Known));
     }
 }

@@ -1,9 +1,11 @@
 //! A bridge to vehicles that speak MAVLink, in the place of flight-sim.
 //!
-//! [`bridge`] and [`control`] decide, [`link`], [`codec`] and [`wire`] know MAVLink, [`node`] knows iceoryx2.
+//! [`table`] decides, [`control`] and [`bridge`] lead to it what vehicles say, [`link`], [`codec`] and [`wire`] know MAVLink,
+//! [`node`] knows iceoryx2.
 
 pub mod apart;
 pub mod autopilot;
+pub mod belief;
 pub mod bridge;
 pub mod codec;
 pub mod control;
@@ -18,6 +20,6 @@ pub mod preflight;
 pub mod said;
 pub mod saved;
 pub mod state;
-pub mod takeover;
+pub mod table;
 pub mod telemetry;
 pub mod wire;

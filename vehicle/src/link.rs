@@ -9,7 +9,7 @@ use mavlink::MavHeader;
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
 use serde::{Deserialize, Serialize};
 
-use crate::codec::{AUTOPILOT, decode, encode};
+use crate::codec::{AUTOPILOT, answers_to, decode, encode};
 use crate::control::Heartbeats;
 use crate::identity::{Sender, Vehicles};
 use crate::telemetry::{Fix, Order, Telemetry};
@@ -28,9 +28,6 @@ pub struct Link {
     routes: Vec<Route>,
     /// Messages that may still be taken in this poll.
     budget: usize,
-    /// The first heartbeats of vehicles that were chosen since; those that nobody has named twice: whoever changes their
-    /// modes while the link listens is noticed.
-    first: Vec<(usize, Telemetry)>,
     said: Vec<String>,
 }
 
@@ -70,8 +67,7 @@ impl Link {
     /// # Errors
     /// If an address cannot be opened; the error has the address.
     pub fn open(addresses: &[WireAddress], uavs: usize) -> Result<Self, (WireAddress, io::Error)> {
-        let mut link =
-            Self { connections: Vec::new(), routes: Vec::new(), budget: 0, first: Vec::new(), said: Vec::new() };
+        let mut link = Self { connections: Vec::new(), routes: Vec::new(), budget: 0, said: Vec::new() };
         let is_shared = addresses.len() < uavs;
         for uav in 0..uavs {
             let address = &addresses[if is_shared { 0 } else { uav }];
@@ -109,18 +105,13 @@ impl Link {
             let away = |fix: &Fix| away(uav, fix);
             let is_committed = is_committed(uav);
             let checked = match route.system {
-                None => route.choose(vehicles, now_s, away).map(|first| {
-                    if !is_committed {
-                        let times = if route.named.is_some() { 1 } else { 2 };
-                        self.first.extend(first.iter().flat_map(|first| vec![(uav, first.clone()); times]));
-                    }
-                }),
+                None => route.choose(vehicles, now_s, away),
                 Some(system) if !is_committed => {
                     let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
                     alone.and_then(|()| vehicles.check(system, route.named.is_some()))
                 }
                 Some(system) => {
-                    vehicles.fix_type(system);
+                    vehicles.fix(system);
                     Ok(())
                 }
             };
@@ -171,11 +162,6 @@ impl Link {
         std::mem::take(&mut self.said)
     }
 
-    /// The first heartbeats of the vehicles that were chosen since the last call.
-    pub fn take_first(&mut self) -> Vec<(usize, Telemetry)> {
-        std::mem::take(&mut self.first)
-    }
-
     /// The next message of a chosen vehicle, with the number of its UAV, from 0; messages that mean nothing here are
     /// left out.
     pub fn receive(&mut self, now_s: f64) -> Option<(usize, Telemetry)> {
@@ -207,8 +193,14 @@ impl Link {
             return None;
         }
         if header.component_id != AUTOPILOT {
+            if vehicles.address(system).is_some() {
+                return None; // a camera, a gimbal, a companion of a vehicle
+            }
             self.notice_stranger(index, from.as_ref(), header);
             return None;
+        }
+        if answers_to(message).is_some_and(|answered| answered != address.own_system) {
+            return None; // an answer to another ground station
         }
         let telemetry = decode(message);
         if let (MavMessage::HEARTBEAT(heartbeat), Some(_)) = (message, &telemetry) {
@@ -222,7 +214,7 @@ impl Link {
         }
         let vehicles = &mut self.connections[index].vehicles;
         let fix = if let Some(Telemetry::Position(fix)) = &telemetry { Some(fix) } else { None };
-        match vehicles.hear(system, *from, fix, now_s) {
+        match vehicles.hear(system, *from, now_s) {
             Sender::Known => {}
             Sender::Moved => {
                 let from = from.map_or_else(String::new, |from| format!(" at {from}"));
@@ -231,13 +223,6 @@ impl Link {
             Sender::Second => {
                 let from = from.map_or_else(String::new, |from| format!(", {from}"));
                 self.notice(index, format!("a second address{from}, sends as system {system}: it is not believed"));
-                return None;
-            }
-            Sender::Unproven => {
-                let from = from.map_or_else(String::new, |from| format!(" at {from}"));
-                self.notice(index, format!(
-                    "system {system} is heard{from} now, and not believed until it says that it is where it was heard last"
-                ));
                 return None;
             }
             Sender::Unknown => {
@@ -263,7 +248,9 @@ impl Link {
 
     /// Says once for each address that somebody who is no vehicle of this run speaks on a connection.
     fn notice_stranger(&mut self, index: usize, from: Option<&SocketAddr>, header: &MavHeader) {
-        if let Some(from) = from.filter(|from| !self.connections[index].vehicles.is_at(**from)) {
+        let vehicles = &self.connections[index].vehicles;
+        // Before the first autopilot is heard, who speaks may be a component of its vehicle, such as a camera.
+        if let Some(from) = from.filter(|from| !vehicles.is_empty() && !vehicles.is_at(**from)) {
             let MavHeader { system_id, component_id, .. } = header;
             let line = format!(
                 "{from} speaks as system {system_id}, component {component_id}, which is no vehicle of this run: it is \
@@ -331,14 +318,9 @@ impl Link {
 }
 
 impl Route {
-    /// Chooses the vehicle of the UAV, if that is known now. Returns its first heartbeat.
-    fn choose(
-        &mut self,
-        vehicles: &Vehicles,
-        now_s: f64,
-        away: impl Fn(&Fix) -> Option<f64>,
-    ) -> Result<Option<Telemetry>, String> {
-        let Some(system) = vehicles.choose(self.named, now_s, away)? else { return Ok(None) };
+    /// Chooses the vehicle of the UAV, if that is known now.
+    fn choose(&mut self, vehicles: &Vehicles, now_s: f64, away: impl Fn(&Fix) -> Option<f64>) -> Result<(), String> {
+        let Some(system) = vehicles.choose(self.named, now_s, away)? else { return Ok(()) };
         if let Some(expected) = self.expected.filter(|expected| *expected != system) {
             let [other, expected] = [system, expected].map(|system| vehicles.describe(system));
             return Err(format!(
@@ -346,8 +328,7 @@ impl Route {
             ));
         }
         self.system = Some(system);
-        let first = vehicles.first_heartbeat(system);
-        Ok(first.and_then(|heartbeat| decode(&MavMessage::HEARTBEAT(heartbeat.clone()))))
+        Ok(())
     }
 }
 
@@ -411,7 +392,7 @@ mod tests {
             link.choose(0.0, |_| false, |_, _| None).unwrap();
             let mut heard =
                 |system: u32, component: u8| link.hear(0, &sent(system as u16, system, component, charge(20)), 1.0);
-            let battery = Telemetry::Battery(Some(0.2));
+            let battery = Telemetry::Status { left: Some(0.2), is_ready: None };
             assert_eq!(heard(2, AUTOPILOT), Some((1, battery.clone())));
             assert_eq!((heard(2, 100), heard(3, AUTOPILOT)), (None, None), "a camera, and a vehicle that is not named");
             assert_eq!(heard(1, AUTOPILOT), Some((0, battery)));
@@ -441,13 +422,13 @@ mod tests {
         assert!(said[2].contains("a second address, 127.0.0.1:9, sends as system 1: it is not believed"));
         assert!(
             link.hear(0, &sent(10, 1, AUTOPILOT, charge(40)), 60.0).is_some(),
-            "it speaks from elsewhere after silence"
+            "before its flight it may speak elsewhere"
         );
         assert_eq!(address_of(&link, 0), Some(10));
     }
 
     #[test]
-    fn a_vehicle_that_is_left_to_its_dead_man_switch_gets_no_heartbeats() {
+    fn a_vehicle_that_is_left_to_its_gcs_failsafe_gets_no_heartbeats() {
         let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.set_read_timeout(Some(std::time::Duration::from_millis(100))).unwrap();
         let port = socket.local_addr().unwrap().port();
@@ -471,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_was_never_heard_feeds_none_that_is_left_to_its_dead_man_switch() {
+    fn a_vehicle_that_was_never_heard_feeds_none_that_is_left_to_its_gcs_failsafe() {
         let router = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
         router.set_read_timeout(Some(std::time::Duration::from_millis(100))).unwrap();
         let at = router.local_addr().unwrap();
@@ -537,8 +518,27 @@ mod tests {
     }
 
     #[test]
-    fn the_first_heartbeat_is_believed_at_once_only_of_a_vehicle_that_was_listened_to() {
-        assert_eq!(["", "?system=1"].map(|options| chosen(options).take_first().len()), [2, 1]);
+    fn an_answer_to_another_ground_station_is_not_ours() {
+        let ack = |target_system| {
+            MavMessage::COMMAND_ACK(mavlink::dialects::common::COMMAND_ACK_DATA { target_system, ..Default::default() })
+        };
+        for (options, own) in [("", 255), ("?own_system=250", 250)] {
+            let mut link = chosen(options);
+            let heard = [0, own, 254].map(|system| link.hear(0, &sent(1, 1, AUTOPILOT, ack(system)), 6.0).is_some());
+            assert_eq!(heard, [true, true, false], "{options}: one that names nobody is ours");
+        }
+    }
+
+    #[test]
+    fn components_of_a_vehicle_that_are_heard_first_are_waited_over() {
+        let mut link = link(&[""], 1);
+        for component in [100, 154, 191] {
+            assert_eq!(link.hear(0, &sent(3, 1, component, beat(MavType::MAV_TYPE_CAMERA)), 0.0), None);
+        }
+        let _ = link.hear(0, &sent(1, 1, AUTOPILOT, beat(QUADROTOR)), 1.0);
+        link.choose(6.0, |_| false, |_, _| None).unwrap();
+        assert_eq!(link.hear(0, &sent(3, 1, 191, beat(MavType::MAV_TYPE_CAMERA)), 7.0), None);
+        assert_eq!((address_of(&link, 0), link.take_said()), (Some(1), vec![]));
     }
 
     #[test]

@@ -20,13 +20,12 @@ use skysink_ring::topics::{Ring, boot_ns, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
 use crate::apart;
-use crate::bridge::{Bridge, VehicleRefusal, start};
-use crate::control::Fate;
+use crate::bridge::{Beginning, Bridge, OwnSide, VehicleRefusal, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
-use crate::preflight::Beginning;
 use crate::saved::{SavedVehicle, SavedVehicles};
+use crate::table::State;
 use crate::telemetry::Order;
 use crate::wire::{WireAddress, check_addresses};
 
@@ -90,13 +89,7 @@ pub fn run<S: Service + 'static>(
     if let Err(NodeError::Stopped(_)) = &result {
         process.say_awaited();
     }
-    // A vehicle that returns because of this flies again when the run is resumed; one that was off or returned does not.
-    let has_begun = process.bridge.has_begun();
-    let returned: Vec<bool> = process.bridge.fates().map(|fate| fate == Fate::Returns).collect();
     process.return_home(why, timeout);
-    let has_ended: Vec<bool> =
-        returned.iter().zip(process.bridge.are_off()).map(|(returned, off)| *returned || off).collect();
-    process.saved.save_ended(process.bridge.fates(), has_begun, |uav, _| has_ended[uav]);
     result
 }
 
@@ -161,23 +154,23 @@ impl<S: Service + 'static> BridgeProcess<S> {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let saved = SavedVehicles::of(folder.path(), ring.restarts > 0, uavs);
-        link.name(saved.vehicles().iter().map(|vehicle| (vehicle.chosen, vehicle.history.was_armed)));
+        let saved = SavedVehicles::of(folder.path(), uavs);
+        link.name(
+            saved.vehicles().iter().map(|vehicle| (vehicle.chosen, !matches!(vehicle.state, State::Check { .. }))),
+        );
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
-        // The journal of a run that is resumed begins with one slot.
-        let beginning = match (ring.restarts, last) {
-            (0, 0) => Beginning::New,
-            (0, _) => Beginning::Resumed,
-            _ => Beginning::Restarted { in_mission: flown.len() > 1 },
+        let beginning = match ring.restarts {
+            0 => Beginning::First,
+            _ => Beginning::Restarted { in_mission: flown.len() > 1 }, // the journal of a resumed run begins with one slot
         };
-        let own_systems: Vec<u8> = (0..uavs).map(|uav| addresses[uav.min(addresses.len() - 1)].own_system).collect();
+        let address_of = |uav: usize| &addresses[uav.min(addresses.len() - 1)];
+        let own = |uav| OwnSide { system: address_of(uav).own_system, modes: address_of(uav).modes.clone() };
+        let own: Vec<OwnSide> = (0..uavs).map(own).collect();
         let frame = AreaFrame::at(origin);
-        let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
+        let vehicles = saved.vehicles();
+        let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, vehicles, &own);
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
-        if ring.restarts > 0 {
-            bridge.go_on(saved.vehicles().iter().map(|vehicle| vehicle.history), *last, reports);
-        }
         Ok(Self {
             bridge,
             most_links: uavs * nodes.payload().len(),
@@ -220,9 +213,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut journal = journal(folder, scenario.uav.uavs())?;
         let mut heard = Instant::now();
         while !self.bridge.has_begun() {
-            self.poll_in_mission()?;
+            self.poll()?;
             self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
-            if !self.saved.has_chosen_before() || self.bridge.is_heard() {
+            let may_be_in_air = (0..self.bridge.uavs()).any(|uav| self.bridge.control(uav).is_committed());
+            if !may_be_in_air || self.bridge.is_heard(self.now_s()) {
                 heard = Instant::now();
             } else if heard.elapsed() > UNHEARD {
                 let message =
@@ -245,8 +239,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             journal.save(slot, &[], &reports)?; // before they are published
             publish(&self.bridge, slot, &reports)?;
         }
-        let now_s = self.now_s();
-        self.bridge.return_home("the mission is over", now_s);
+        self.bridge.return_home("the mission is over");
         self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
         self.wait_for_release(ring)
     }
@@ -288,17 +281,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 self.has_flown = true;
                 return Ok(());
             }
-            self.poll_in_mission()?;
+            self.poll()?;
             self.pause()?;
         }
-    }
-
-    /// As [`poll`](Self::poll), and saves which missions have ended before the last slot.
-    fn poll_in_mission(&mut self) -> Result<(), NodeError> {
-        let polled = self.poll();
-        let is_end = |_, fate| matches!(fate, Fate::Ended | Fate::Returns);
-        self.saved.save_ended(self.bridge.fates(), self.bridge.has_begun(), is_end);
-        polled
     }
 
     /// When `slot` has begun, on the monotonic clock [ns]; `None` if it has not.
@@ -313,7 +298,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// Chooses the vehicles, takes in what they say, and sends what is due.
     fn poll(&mut self) -> Result<(), NodeError> {
         if let Err((uav, why)) = self.choose() {
-            self.bridge.refuse(uav, why, self.now_s()).map_err(|refused| refusal(&refused))?;
+            self.bridge.refuse(uav, why).map_err(|refused| refusal(&refused))?;
         }
         self.exchange()
     }
@@ -325,14 +310,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix))
     }
 
-    /// Takes in what the chosen vehicles say, sends what is due, and notes who was taken over.
+    /// Takes in what the chosen vehicles say, and sends what is due once the states are saved.
     fn exchange(&mut self) -> Result<(), NodeError> {
-        let exchanged = self.exchange_messages();
-        self.saved.save_taken_over(self.bridge.taken_over());
-        exchanged
-    }
-
-    fn exchange_messages(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         self.link.begin_poll();
         let last_ns = std::mem::replace(&mut self.polled_ns, boot_ns());
@@ -343,9 +322,6 @@ impl<S: Service + 'static> BridgeProcess<S> {
             self.stale_until_ns = self.polled_ns + SETTLED.as_nanos() as u64;
         }
         let is_stale = self.polled_ns < self.stale_until_ns;
-        for (uav, telemetry) in self.link.take_first() {
-            self.bridge.hear_earlier(uav, &telemetry, now_s);
-        }
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
             if !is_stale {
                 self.bridge.hear(uav, &telemetry, now_s);
@@ -364,9 +340,12 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut orders = Vec::new();
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
         let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
-        let vehicles =
-            self.link.chosen().zip(self.bridge.histories()).map(|(chosen, history)| SavedVehicle { chosen, history });
-        let is_saved = self.saved.save(vehicles.collect()); // before the order to arm, which the next bridge has to know of
+        let saved = |(uav, chosen)| {
+            let control = self.bridge.control(uav);
+            SavedVehicle { chosen, state: control.state(), home_m: control.saved_home_m() }
+        };
+        let vehicles = self.link.chosen().enumerate().map(saved).collect();
+        let is_saved = self.saved.save(vehicles, |uav| self.bridge.control(uav).is_committed());
         for (uav, order) in orders {
             if is_saved || order != Order::Arm {
                 self.link.send(uav, &order);
@@ -408,13 +387,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Waits until the vehicles have landed, or the launcher ends.
     fn land(&mut self) -> Result<(), NodeError> {
-        for number in self.bridge.taken_over() {
+        for number in self.bridge.overridden() {
             Role::FlightSim.log(format_args!("vehicle {number}: the run waits for its landing; Ctrl-C ends the run"));
         }
         let mut heard = Instant::now();
         while !self.bridge.has_landed() {
             self.poll()?;
-            if self.bridge.is_heard() {
+            if self.bridge.is_heard(self.now_s()) {
                 heard = Instant::now();
             } else if heard.elapsed() > UNHEARD {
                 Role::FlightSim.log("no vehicle that may be in the air is heard any more: the run ends");
@@ -437,8 +416,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Sends the vehicles home because of `why`, and waits until they say so, for at most `timeout`.
     fn return_home(&mut self, why: &str, timeout: Duration) {
-        let now_s = self.now_s();
-        self.bridge.return_home(why, now_s);
+        self.bridge.return_home(why);
         let begin = Instant::now();
         while !self.bridge.is_homebound() && begin.elapsed() < timeout {
             // One that must not fly keeps none of the others from returning.
@@ -449,7 +427,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         for uav in (0..self.bridge.uavs()).filter(|uav| !self.bridge.control(*uav).is_homebound()) {
             if self.bridge.control(uav).is_committed() {
                 Role::FlightSim.log(format_args!(
-                    "vehicle {}: has not said that it returns: its dead-man switch has to bring it home",
+                    "vehicle {}: has not said that it returns: its GCS failsafe has to bring it home",
                     uav + 1
                 ));
             }

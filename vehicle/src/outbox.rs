@@ -1,22 +1,36 @@
-//! The orders to a vehicle that it has not answered yet, which are repeated because a link may lose them.
+//! The orders to a vehicle that it has not answered yet, which are repeated because a link may lose them: speeds and
+//! waypoints, which change no mode.
 //!
 //! An answer repeats only the command of its order, so that one may belong to an order that a newer one has replaced: each
 //! copy that was sent has one answer, and the oldest copy is answered first.
 
-use crate::telemetry::{IN_PROGRESS, Order};
+use crate::telemetry::{ACCEPTED, IN_PROGRESS, Order};
 
 /// Time after which an order without an answer is repeated [s].
 const REPEAT_S: f64 = 0.5;
 
-/// The same of an order to arm [s]: longer than answers take on slow links, so that there is one answer.
-const REPEAT_ARMING_S: f64 = 3.0;
-
 /// Time after which the answer to a copy of an order is lost [s].
 const ANSWERED_S: f64 = 4.0;
+
+/// Time after which a take-off or return without an answer was lost [s], after which one that was refused may be accepted, and
+/// after which an accepted return has had no effect.
+const LOST_S: f64 = 3.0;
+const REFUSED_S: f64 = 1.0;
+const IGNORED_S: f64 = 6.0;
+
+/// The last order that changes a mode, or arms: it is repeated by the table alone.
+#[derive(Debug, Clone, Copy)]
+struct SentOrder {
+    order: Order,
+    sent_s: f64,
+    /// The result, and when it came [s].
+    answer: Option<(u8, f64)>,
+}
 
 /// Unanswered orders, one of each command: a newer one replaces it.
 #[derive(Debug, Clone, Default)]
 pub struct Outbox {
+    sent: Option<SentOrder>,
     orders: Vec<Unanswered>,
     /// The copies that were sent and not answered, of orders that were replaced, too.
     copies: Vec<SentCopy>,
@@ -47,9 +61,34 @@ impl Outbox {
         self.orders.clear();
     }
 
-    /// Whether the order of the command of `order` is unanswered.
-    pub fn has(&self, order: &Order) -> bool {
-        self.orders.iter().any(|unanswered| unanswered.order.command() == order.command())
+    /// Notes that an order was sent that changes a mode, or arms.
+    pub fn note_sent(&mut self, order: Order, now_s: f64) {
+        self.sent = Some(SentOrder { order, sent_s: now_s, answer: None });
+    }
+
+    /// Takes in an answer to the last of these. Returns whether it is its first final one.
+    pub fn hear_answer(&mut self, command: u16, result: u8, now_s: f64) -> bool {
+        let sent = self.sent.as_mut().filter(|sent| sent.order.command() == Some(command) && result != IN_PROGRESS);
+        sent.is_some_and(|sent| sent.answer.replace((result, now_s)).is_none())
+    }
+
+    /// The result of the last of these, if it was answered.
+    pub fn result(&self) -> Option<u8> {
+        self.sent.and_then(|sent| sent.answer).map(|(result, _)| result)
+    }
+
+    /// Whether the last of these was refused.
+    pub fn is_refused(&self) -> bool {
+        self.result().is_some_and(|result| result != ACCEPTED)
+    }
+
+    /// Whether the last of these was lost or refused, or has had no effect, so that it may be sent again.
+    pub fn may_repeat(&self, now_s: f64) -> bool {
+        self.sent.is_none_or(|SentOrder { order, sent_s, answer }| match answer {
+            None => now_s - sent_s >= LOST_S,
+            Some((ACCEPTED, _)) => order == Order::Return && now_s - sent_s >= IGNORED_S,
+            Some((_, answered_s)) => now_s - answered_s >= REFUSED_S,
+        })
     }
 
     /// Takes in an answer to the oldest copy of an order of `command` at `now_s` [s]; returns that order if the answer is
@@ -65,14 +104,17 @@ impl Outbox {
         Some(self.orders.remove(index).order)
     }
 
-    /// The orders that are due at `now_s` [s] and that `may_send`, in the order in which they were given; the others
-    /// stay due.
-    pub fn due(&mut self, now_s: f64, may_send: impl Fn(&Order) -> bool) -> impl Iterator<Item = Order> {
-        let is_due = move |unanswered: &&mut Unanswered| now_s >= unanswered.due_s && may_send(&unanswered.order);
-        let Self { orders, copies } = self;
+    /// Whether an order is due at `now_s` [s].
+    pub fn is_due(&self, now_s: f64) -> bool {
+        self.orders.iter().any(|unanswered| now_s >= unanswered.due_s)
+    }
+
+    /// The orders that are due at `now_s` [s], in the order in which they were given.
+    pub fn due(&mut self, now_s: f64) -> impl Iterator<Item = Order> {
+        let Self { orders, copies, .. } = self;
         copies.retain(|copy| now_s - copy.sent_s < ANSWERED_S);
-        orders.iter_mut().filter(is_due).map(move |unanswered| {
-            unanswered.due_s = now_s + if unanswered.order == Order::Arm { REPEAT_ARMING_S } else { REPEAT_S };
+        orders.iter_mut().filter(move |unanswered| now_s >= unanswered.due_s).map(move |unanswered| {
+            unanswered.due_s = now_s + REPEAT_S;
             copies.push(SentCopy { order: unanswered.order, sent_s: now_s });
             unanswered.order
         })
@@ -84,7 +126,7 @@ mod tests {
     use super::*;
 
     fn due(outbox: &mut Outbox, now_s: f64) -> Vec<Order> {
-        outbox.due(now_s, |_| true).collect()
+        outbox.due(now_s).collect()
     }
 
     #[test]
@@ -128,12 +170,23 @@ mod tests {
     }
 
     #[test]
-    fn an_order_that_may_not_be_sent_stays_due() {
-        let mut outbox = Outbox::default();
-        outbox.send(Order::Arm, 0.0);
-        outbox.send(Order::Speed(1.0), 0.0);
-        let held: Vec<Order> = outbox.due(0.0, |order| *order != Order::Arm).collect();
-        assert_eq!((held, due(&mut outbox, 0.1)), (vec![Order::Speed(1.0)], vec![Order::Arm]));
+    fn an_order_that_changes_the_mode_may_be_repeated_once_it_was_lost_or_refused() {
+        let repeats = |order: Order, answer: Option<u8>| {
+            let mut outbox = Outbox::default();
+            assert!(outbox.may_repeat(0.0));
+            outbox.note_sent(order, 0.0);
+            assert!(!outbox.hear_answer(192, 4, 0.5) && !outbox.hear_answer(20, IN_PROGRESS, 0.5));
+            let command = order.command().unwrap();
+            answer.iter().for_each(|result| assert!(outbox.hear_answer(command, *result, 0.5)));
+            let first = (0..100).find(|tenth| outbox.may_repeat(f64::from(*tenth) / 10.0));
+            (first, outbox.is_refused())
+        };
+        assert_eq!(
+            [None, Some(4), Some(0)].map(|answer| repeats(Order::Return, answer)),
+            [(Some(30), false), (Some(15), true), (Some(60), false)]
+        );
+        let take_off = Order::TakeOff(crate::autopilot::Altitude::AboveHome(20.0));
+        assert_eq!(repeats(take_off, Some(0)), (None, false), "its motors spool up");
     }
 
     #[test]
@@ -142,6 +195,6 @@ mod tests {
         outbox.send(Order::Speed(1.0), 0.0);
         outbox.send(Order::Speed(2.0), 0.1);
         assert_eq!(due(&mut outbox, 0.1), [Order::Speed(2.0)]);
-        assert!(outbox.has(&Order::Speed(0.0)) && !outbox.has(&Order::Arm));
+        assert!(!outbox.is_due(0.1) && outbox.is_due(0.6), "it was sent");
     }
 }

@@ -1,11 +1,11 @@
-//! The checks before take-off, and before a vehicle in the air is taken over from an earlier bridge: position, battery,
-//! dead-man switch, and the distance to the start.
+//! The checks before take-off: position, battery, GCS failsafe, mode, and the distance to the start.
 
 use nalgebra::Point3;
 
-use crate::autopilot::{AutopilotKind, ModeMeaning};
+use crate::autopilot::{AutopilotKind, ModeMeaning, NamedModes};
+use crate::frame::AreaFrame;
 use crate::state::VehicleState;
-use crate::takeover::Takeover;
+use crate::table::Checks;
 use crate::telemetry::Order;
 
 /// Time between two questions for a parameter [s].
@@ -14,9 +14,9 @@ const ASK_S: f64 = 1.0;
 /// Time after the answer to the first parameter in which one is waited for that only some versions have [s].
 const OPTIONAL_S: f64 = 5.0;
 
-/// Time before the first line on what is missing, and between two [s].
-const FIRST_LINE_S: f64 = 6.0;
-const LINE_S: f64 = 10.0;
+/// Time after which it is said that a vehicle answers nothing, and after which it is given up [s].
+const UNANSWERED_S: f64 = 10.0;
+const GIVEN_UP_S: f64 = 60.0;
 
 /// How far below the expected energy a battery may be, as a fraction of its capacity: what it says is rounded.
 const BATTERY_SLACK: f64 = 0.05;
@@ -24,23 +24,11 @@ const BATTERY_SLACK: f64 = 0.05;
 /// Farthest from its start at which a vehicle may take off [m].
 const TAKE_OFF_RADIUS_M: f64 = 500.0;
 
-/// How the mission of a bridge begins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Beginning {
-    /// With a vehicle on the ground, disarmed.
-    New,
-    /// Where a stopped run has ended: the vehicle may be in the air.
-    Resumed,
-    /// After the end of the bridge before, in this run; the mission has begun if `in_mission`.
-    Restarted {
-        /// Whether slots were flown.
-        in_mission: bool,
-    },
-}
-
 /// What a vehicle has to do.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Assignment {
+    /// Where the area is on Earth.
+    pub frame: AreaFrame,
     /// Where its mission begins [m].
     pub start: Point3<f64>,
     /// Its speed over ground [m/s].
@@ -49,212 +37,108 @@ pub struct Assignment {
     pub battery: f64,
     /// Energy below which it returns, as a fraction of the capacity of its battery.
     pub low_battery: f64,
-    /// How the mission begins.
-    pub beginning: Beginning,
     /// The system of the bridge.
     pub own_system: u8,
-    /// How far it may have flown from its start since that was reported [m].
-    pub flown_m: f64,
-    /// Whether a bridge before has armed it: it is not armed again.
-    pub was_armed: bool,
-    /// Whether it is known that no bridge before has armed it.
-    pub is_unarmed: bool,
+    /// The modes that its address names.
+    pub modes: NamedModes,
 }
 
-impl Assignment {
-    /// Farthest from its start at which it may take off, or be taken over in the air [m].
-    fn radius_m(&self) -> f64 {
-        TAKE_OFF_RADIUS_M + self.flown_m
-    }
-
-    /// Whether it is so near its start that it may take off [m].
-    pub(crate) fn is_near(&self, position: Option<Point3<f64>>) -> bool {
-        position.is_some_and(|position| (position.xy() - self.start.xy()).norm() <= self.radius_m())
-    }
-}
-
-/// A vehicle that must not take off. Its `Display` is one line.
+/// A vehicle that must not fly. Its `Display` is one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct PreflightRefusal(pub String);
 
-/// What follows from the checks.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Clearance {
-    /// Something is missing, in words after "waiting for it".
-    Wait(&'static str),
-    /// The vehicle may be armed.
-    Arm,
-    /// It is in the air, where an earlier bridge has left it.
-    FlyOn {
-        /// Its mode.
-        mode: u32,
-    },
-    /// It is in the air, where an earlier bridge has left it, and must return, because of this.
-    Return(String),
-    /// Others fly it, in words after "is taken over:".
-    GiveUp(String),
-    /// It may be another vehicle, or take off by an order of an earlier bridge: why, in words.
-    Abandon(String),
-}
-
 /// What is known before take-off.
 #[derive(Debug, Clone, Default)]
 pub struct Preflight {
-    /// The parameter of the dead-man switch.
-    dead_man: Option<f64>,
-    /// That of what the switch depends on.
+    /// The parameter of the GCS failsafe.
+    failsafe: Option<f64>,
+    /// That of what the failsafe depends on.
     condition: Option<f64>,
-    /// When parameters are asked for next [s].
+    /// When parameters were asked for first [s], and are next.
+    asked_s: Option<f64>,
     ask_s: f64,
-    /// When that of the dead-man switch was known [s].
+    /// When the parameter of the failsafe was known [s].
     told_s: Option<f64>,
-    /// What was missing last, in words after "waiting for it".
-    pub missing: Option<&'static str>,
-    /// When the next line on what is missing is due [s].
-    line_s: Option<f64>,
+    /// Why the checks do not hold, in words after "waiting for it", or of the refusal; empty if they hold.
+    pub missing: String,
 }
 
 impl Preflight {
     /// Takes in the parameter `name`.
     pub fn hear_parameter(&mut self, autopilot: AutopilotKind, name: &str, value: f64) {
-        if autopilot.dead_man_switch().is_some_and(|switch| switch.parameter == name) {
-            self.dead_man = Some(value);
+        if autopilot.gcs_failsafe().is_some_and(|failsafe| failsafe.parameter == name) {
+            self.failsafe = Some(value);
         } else if autopilot.condition().is_some_and(|condition| condition.parameters.contains(&name)) {
             self.condition = Some(value);
         }
     }
 
-    /// Whether it is time for another line on what is missing.
-    pub fn is_line_due(&mut self, now_s: f64) -> bool {
-        let is_due = self.line_s.is_some_and(|line_s| now_s >= line_s);
-        if is_due {
-            self.line_s = Some(now_s + LINE_S);
-        }
-        self.line_s.get_or_insert(now_s + FIRST_LINE_S);
-        is_due
-    }
-
-    /// Checks whether the vehicle may take off from `position` [m], which is `None` unless it is current and believed, or
-    /// whether it is in the air already. Adds questions for parameters to `orders`.
-    ///
-    /// # Errors
-    /// If it must not take off.
-    pub fn judge(
+    /// Checks whether the vehicle may take off from `position` [m], which is `None` unless it is current and believed. Adds
+    /// questions for parameters to `orders`.
+    pub fn check(
         &mut self,
         vehicle: &VehicleState,
         position: Option<Point3<f64>>,
-        takeover: &mut Takeover,
         assignment: &Assignment,
         now_s: f64,
         orders: &mut Vec<Order>,
-    ) -> Result<Clearance, PreflightRefusal> {
-        let is_low = position.is_some() && !vehicle.is_high();
-        let is_down = vehicle.is_armed() == Some(false) && (is_low || vehicle.has_disarmed(now_s));
-        if is_down && assignment.was_armed {
-            takeover.note_disarmed();
-            return Ok(Clearance::GiveUp("it is on the ground, after it was armed".to_owned()));
-        }
-        let (Some(is_armed), Some(mode), Some(_)) = (vehicle.is_armed(), vehicle.mode(), position) else {
-            return Ok(Clearance::Wait(match (vehicle.autopilot, position) {
-                (None, _) => "to send heartbeats",
-                (_, None) => "to know its position",
-                _ => "to say the same mode twice in a row",
-            }));
+    ) -> Checks {
+        let checked = self.first_missing(vehicle, position, assignment, now_s, orders);
+        let checks = match &checked {
+            Err(_) => Checks::Refused,
+            Ok(Some(_)) => Checks::Wait,
+            Ok(None) => Checks::Hold,
         };
-        if is_armed {
-            if takeover.has_been_disarmed() || assignment.is_unarmed {
-                return Ok(Clearance::GiveUp("somebody else has armed it".to_owned()));
-            }
-            return self.judge_armed(vehicle, mode, position, assignment, now_s, orders);
-        }
-        if !is_down {
-            return Ok(Clearance::Wait("to be on the ground, at the altitude of its home"));
-        }
-        takeover.note_disarmed();
-        if let Some(why) = takeover.check(vehicle) {
-            return Ok(Clearance::GiveUp(why));
-        }
-        let missing = self.check(vehicle, position, assignment, now_s, orders)?;
-        Ok(missing.map_or(Clearance::Arm, Clearance::Wait))
+        self.missing = checked.unwrap_or_else(|PreflightRefusal(why)| Some(why)).unwrap_or_default();
+        checks
     }
 
-    /// Checks a vehicle in this mode that somebody has armed: only after an earlier bridge, in the air, it is flown on.
-    fn judge_armed(
-        &mut self,
-        vehicle: &VehicleState,
-        mode: u32,
-        position: Option<Point3<f64>>,
-        assignment: &Assignment,
-        now_s: f64,
-        orders: &mut Vec<Order>,
-    ) -> Result<Clearance, PreflightRefusal> {
-        let name = vehicle.mode_name();
-        let is_in_air = vehicle.is_in_air();
-        let is_left = is_in_air && vehicle.meaning() == ModeMeaning::FollowsOrders;
-        let awaits_landing = match assignment.beginning {
-            Beginning::Resumed => true,
-            Beginning::Restarted { in_mission: false } => !assignment.was_armed, // as the bridge before did
-            _ => false,
-        };
-        match assignment.beginning {
-            Beginning::New => {
-                let state = if is_in_air { "in the air" } else { "armed" };
-                refuse(format!("it is {state} ({name}): expected it on the ground, disarmed"))
-            }
-            _ if awaits_landing && vehicle.meaning() == ModeMeaning::Returns => Ok(Clearance::Wait("to land")),
-            Beginning::Resumed if !is_left => refuse(format!(
-                "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
-            )),
-            Beginning::Restarted { .. } if !is_in_air => Ok(Clearance::Abandon(format!(
-                "it is armed on the ground ({name}), and who has armed it is not known after a restart"
-            ))),
-            Beginning::Restarted { .. } if vehicle.meaning() == ModeMeaning::Unknown => {
-                Ok(Clearance::Abandon(format!("who flies it is not known ({name})")))
-            }
-            Beginning::Restarted { .. } if !is_left => Ok(Clearance::GiveUp(format!("it is flown by others ({name})"))),
-            Beginning::Resumed | Beginning::Restarted { .. } => {
-                match self.check(vehicle, position, assignment, now_s, orders) {
-                    Ok(missing) => Ok(missing.map_or(Clearance::FlyOn { mode }, Clearance::Wait)),
-                    Err(refusal) if assignment.beginning == Beginning::Resumed => Err(refusal),
-                    Err(PreflightRefusal(why)) if assignment.is_near(position) => Ok(Clearance::Return(why)),
-                    Err(PreflightRefusal(why)) => Ok(Clearance::Abandon(why)),
-                }
-            }
-        }
-    }
-
-    /// Says what is still missing, in words after "waiting for it"; `None` if the vehicle may take off from `position`
-    /// [m]. Adds questions for parameters to `orders`.
-    ///
-    /// # Errors
-    /// If it must not take off.
-    pub(crate) fn check(
+    /// What is missing first, in words after "waiting for it".
+    fn first_missing(
         &mut self,
         vehicle: &VehicleState,
         position: Option<Point3<f64>>,
         assignment: &Assignment,
         now_s: f64,
         orders: &mut Vec<Order>,
-    ) -> Result<Option<&'static str>, PreflightRefusal> {
-        let Some(autopilot) = vehicle.autopilot else { return Ok(Some("to send heartbeats")) };
-        let Some(position) = position else { return Ok(Some("to know its position")) };
-        if !assignment.is_near(Some(position)) {
-            let away_m = (position.xy() - assignment.start.xy()).norm();
-            let most_m = assignment.radius_m();
-            return refuse(format!("it is {away_m:.0} m from its start: expected at most {most_m} m"));
+    ) -> Result<Option<String>, PreflightRefusal> {
+        let wait = |what: &str| Ok(Some(what.to_owned()));
+        let Some(autopilot) = vehicle.autopilot else { return wait("to send heartbeats") };
+        let names_both = [ModeMeaning::Follows, ModeMeaning::Returns].iter().all(|mode| assignment.modes.names(*mode));
+        if autopilot == AutopilotKind::Other && !names_both {
+            let expected = "expected ArduPilot or PX4, or ?modes=follow:N,return:N with the numbers of its modes behind the \
+                            address";
+            return refuse(format!("its autopilot is not known: {expected}"));
         }
-        let needed = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery - BATTERY_SLACK };
-        if let Some(battery) = vehicle.battery.filter(|battery| *battery < needed) {
+        let parameter = self.check_parameters(autopilot, assignment.own_system, now_s, orders)?;
+        let Some(position) = position else { return wait("to know its position") };
+        let away_m = (position.xy() - assignment.start.xy()).norm();
+        if away_m > TAKE_OFF_RADIUS_M {
+            return refuse(format!("it is {away_m:.0} m from its start: expected at most {TAKE_OFF_RADIUS_M} m"));
+        }
+        let needed = assignment.battery - BATTERY_SLACK;
+        if let Some(battery) = vehicle.power.left.filter(|battery| *battery < needed) {
             let [has, needed] = [battery, needed].map(|fraction| (100.0 * fraction).round());
-            let purpose = if vehicle.is_in_air() { "fly on" } else { "take off" };
-            return refuse(format!("its battery is at {has} %: at least {needed} % is needed to {purpose}"));
+            return refuse(format!("its battery is at {has} %: at least {needed} % is needed to take off"));
         }
-        if vehicle.is_high() && !vehicle.is_in_air() {
-            return Ok(Some("to be on the ground, at the altitude of its home"));
+        if vehicle.is_high() {
+            return wait("to be on the ground, at the altitude of its home");
         }
-        let missing = self.check_parameters(autopilot, assignment.own_system, now_s, orders)?;
-        Ok(missing.or((!vehicle.has_reported_battery).then_some("to report its battery")))
+        if let Some(missing) = parameter {
+            return Ok(Some(missing));
+        }
+        if !vehicle.power.is_reported {
+            return wait("to report its battery");
+        }
+        if vehicle.meaning() != Some(ModeMeaning::Follows) {
+            let (wanted, is) = (autopilot.follow_name(), vehicle.mode_name());
+            return Ok(Some(format!("to be put into {wanted} by its operator: it is in {is}")));
+        }
+        if vehicle.is_ready == Some(false) {
+            return wait("to pass its own checks before arming");
+        }
+        Ok(None)
     }
 
     /// Says which parameter is missing; `None` if none is.
@@ -264,11 +148,11 @@ impl Preflight {
         own_system: u8,
         now_s: f64,
         orders: &mut Vec<Order>,
-    ) -> Result<Option<&'static str>, PreflightRefusal> {
-        let Some(switch) = autopilot.dead_man_switch() else { return Ok(None) };
-        let parameter = switch.parameter;
-        if let Some(value) = self.dead_man.filter(|value| switch.effect(*value).is_none()) {
-            let expected = switch.expected();
+    ) -> Result<Option<String>, PreflightRefusal> {
+        let Some(failsafe) = autopilot.gcs_failsafe() else { return Ok(None) };
+        let parameter = failsafe.parameter;
+        if let Some(value) = self.failsafe.filter(|value| failsafe.effect(*value).is_none()) {
+            let expected = failsafe.expected();
             return refuse(format!("{parameter} = {value}: when the bridge is silent, expected {expected}"));
         }
         let condition = autopilot.condition();
@@ -277,19 +161,28 @@ impl Preflight {
         {
             return refuse(format!("{} = {value}: {why}", condition.parameters.join(" or ")));
         }
-        if self.dead_man.is_some() {
+        if self.failsafe.is_some() {
             self.told_s.get_or_insert(now_s);
         }
         let awaited = condition.filter(|_| self.condition.is_none() && !self.is_patience_over(now_s));
-        if now_s >= self.ask_s && (self.dead_man.is_none() || self.condition.is_none()) {
+        let asked_for_s = now_s - *self.asked_s.get_or_insert(now_s);
+        if now_s >= self.ask_s && (self.failsafe.is_none() || self.condition.is_none()) {
             self.ask_s = now_s + ASK_S;
-            orders.extend(self.dead_man.is_none().then_some(Order::Parameter(parameter)));
+            orders.extend(self.failsafe.is_none().then_some(Order::Parameter(parameter)));
             orders.extend(awaited.iter().flat_map(|condition| condition.parameters).map(|name| Order::Parameter(name)));
         }
-        if self.dead_man.is_none() {
-            return Ok(Some("to say what it does when the bridge is silent"));
+        if self.failsafe.is_some() {
+            return Ok(awaited.map(|condition| condition.meaning.to_owned()));
         }
-        Ok(awaited.map(|condition| condition.meaning))
+        let unheard = format!(
+            "to say what it does when the bridge is silent ({parameter}): it is heard and answers nothing: a link in one \
+             direction, a wrong address, or an autopilot that wants signed messages, which the bridge does not send"
+        );
+        match asked_for_s {
+            UNANSWERED_S.. if asked_for_s >= GIVEN_UP_S => refuse(format!("waited {GIVEN_UP_S} s for it {unheard}")),
+            UNANSWERED_S.. => Ok(Some(unheard)),
+            _ => Ok(Some("to say what it does when the bridge is silent".to_owned())),
+        }
     }
 
     fn is_patience_over(&self, now_s: f64) -> bool {
@@ -299,11 +192,11 @@ impl Preflight {
     /// What was found, for people: what the vehicle does when the bridge is silent, and what could not be checked.
     pub fn findings(&self, vehicle: &VehicleState) -> Vec<String> {
         let mut lines = Vec::new();
-        let switch = vehicle.autopilot.and_then(AutopilotKind::dead_man_switch);
-        match switch.zip(self.dead_man) {
-            Some((switch, value)) => {
-                let effect = switch.effect(value).unwrap_or("is not known");
-                lines.push(format!("{effect} when the bridge is silent ({} = {value})", switch.parameter));
+        let failsafe = vehicle.autopilot.and_then(AutopilotKind::gcs_failsafe);
+        match failsafe.zip(self.failsafe) {
+            Some((failsafe, value)) => {
+                let effect = failsafe.effect(value).unwrap_or("is not known");
+                lines.push(format!("{effect} when the bridge is silent ({} = {value})", failsafe.parameter));
             }
             None => lines.push("may stay in the air when the bridge is silent: its autopilot is not known".to_owned()),
         }
@@ -312,7 +205,7 @@ impl Preflight {
         {
             lines.push(format!("does not tell {}: not checked", condition.parameters.join(" or ")));
         }
-        if vehicle.battery.is_none() {
+        if vehicle.power.left.is_none() {
             lines.push("does not measure its battery: its charge is not checked".to_owned());
         }
         lines

@@ -1,42 +1,58 @@
-//! What a bridge knows of its vehicles, in files of the ring, for the bridge after it and for the launcher.
+//! What a bridge knows of its vehicles, in a file of the ring for the bridge after it, and in the run folder for a run that
+//! is resumed.
 
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_ring::folder::record_path;
 use skysink_ring::role::Role;
 
-use crate::control::{Fate, History};
 use crate::link::ChosenVehicle;
+use crate::table::State;
 
-/// The file of the ring with what is known of the vehicles.
+/// The file.
 const VEHICLES: &str = "vehicles.json";
 
-/// The file of the ring that is there once a vehicle was taken over: such a run is not to be resumed.
-pub const TAKEN_OVER: &str = "taken-over.json";
-
-/// The file of the run folder with how far the missions of its vehicles have come, once one has ended before the last slot:
-/// a run that is resumed leaves those.
-const ENDED: &str = "vehicles.json";
-
-/// How far the missions of the vehicles of the run in a folder have come, by UAV; none if all go on.
-///
-/// # Errors
-/// If the file cannot be read.
-pub fn ended_in(run: &Path) -> Result<Vec<Fate>, InputError> {
-    let expected = "expected how far the vehicles have come, as the bridge has written it";
-    read(&run.join(ENDED)).ok_or_else(|| InputError::new("run folder", &run.join(ENDED), expected))
-}
-
 /// What is known of a vehicle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SavedVehicle {
     /// Which one it is, once that is chosen.
     pub chosen: Option<ChosenVehicle>,
-    /// What was done with it.
-    pub history: History,
+    /// The state of its mission.
+    pub state: State,
+    /// The altitude of its home above sea [m], as it was when it was armed.
+    pub home_m: Option<f64>,
+}
+
+/// A vehicle of which nothing is known any more: it may have been armed.
+const UNKNOWN: SavedVehicle = SavedVehicle { chosen: None, state: State::Silent, home_m: None };
+
+/// Whether a vehicle of the ring in `folder` is flown by others, or none flies any more: such a run is not to be resumed.
+#[must_use]
+pub fn is_over(folder: &Path) -> bool {
+    let vehicles = read(&folder.join(VEHICLES)).unwrap_or_default();
+    let is = |wanted: State| move |vehicle: &SavedVehicle| vehicle.state == wanted;
+    vehicles.iter().any(is(State::HandsOff)) || !vehicles.is_empty() && vehicles.iter().all(is(State::Done))
+}
+
+/// Hands what the run in the folder `run` has saved to the ring in `folder`, which resumes it.
+///
+/// # Errors
+/// If it cannot be read, or not be written.
+pub fn resume(run: &Path, folder: &Path) -> Result<(), InputError> {
+    let path = run.join(VEHICLES);
+    let refused = |expected: &str| InputError::new("run folder", &path, expected);
+    let vehicles =
+        read(&path).ok_or_else(|| refused("expected the states of its vehicles, as the bridge has written them"))?;
+    if vehicles.is_empty() {
+        return Ok(());
+    }
+    if vehicles.iter().all(|vehicle| matches!(vehicle.state, State::HandsOff | State::Done)) {
+        return Err(refused("its vehicles have landed, or were flown by others: expected a new run"));
+    }
+    write(&folder.join(VEHICLES), &vehicles)
+        .map_err(|error| refused(&format!("it cannot be handed to the ring: {error}")))
 }
 
 /// What was saved.
@@ -45,52 +61,27 @@ pub struct SavedVehicles {
     folder: PathBuf,
     /// The folder of the run, if it is on this host.
     run: Option<PathBuf>,
-    ended: Vec<Fate>,
-    /// By UAV.
+    /// By UAV, in the ring and in the folder of the run.
     vehicles: Vec<SavedVehicle>,
-    /// Whether the bridge before has chosen a vehicle.
-    has_chosen_before: bool,
-    /// The numbers of the vehicles that were taken over, from 1.
-    taken_over: Vec<usize>,
+    in_run: Vec<SavedVehicle>,
     /// The files of which it was said that they cannot be written.
     said: Vec<PathBuf>,
-    /// Whether it saves for the first time how far the missions have come in a run that begins, or is resumed.
-    begins_run: bool,
 }
 
 impl SavedVehicles {
-    /// What the bridge before has saved of its `uavs` vehicles in the folder of the ring, if this one `is_restarted`. If
-    /// that cannot be read, which is said, none is armed: they may have been.
+    /// What the bridge before, or the run before, has saved of its `uavs` vehicles in the folder of the ring. If that cannot
+    /// be read, which is said, none is armed: they may have been.
     #[must_use]
-    pub fn of(folder: &Path, is_restarted: bool, uavs: usize) -> Self {
-        let (mut vehicles, mut taken_over) = (Vec::<SavedVehicle>::new(), Vec::<usize>::new());
-        if is_restarted {
-            taken_over = read(&folder.join(TAKEN_OVER)).unwrap_or_default();
-            vehicles = read(&folder.join(VEHICLES)).unwrap_or_else(|| {
-                Role::FlightSim
-                    .log(format_args!("{VEHICLES} cannot be read: no vehicle is armed, as the bridge before may have"));
-                vec![UNKNOWN; uavs]
-            });
-        }
-        for (vehicle, number) in vehicles.iter_mut().zip(1..) {
-            if matches!(vehicle.history.fate, Fate::Open | Fate::Returns) && taken_over.contains(&number) {
-                vehicle.history.fate = Fate::Left; // only that could be written
-            }
-        }
-        let has_chosen_before = vehicles.iter().any(|vehicle| vehicle.chosen.is_some());
-        let begins_run = !is_restarted || vehicles.is_empty(); // then the bridge before has not polled
+    pub fn of(folder: &Path, uavs: usize) -> Self {
+        let vehicles = read(&folder.join(VEHICLES)).filter(|vehicles| vehicles.is_empty() || vehicles.len() == uavs);
+        let vehicles = vehicles.unwrap_or_else(|| {
+            let line = format_args!("{VEHICLES} cannot be read: no vehicle is armed, as the bridge before may have");
+            Role::FlightSim.log(line);
+            vec![UNKNOWN; uavs]
+        });
         let run = record_path(folder);
-        let ended = run.as_deref().and_then(|run| ended_in(run).ok()).unwrap_or_default();
-        Self {
-            folder: folder.to_owned(),
-            run,
-            ended,
-            vehicles,
-            has_chosen_before,
-            taken_over,
-            said: Vec::new(),
-            begins_run,
-        }
+        let in_run = run.as_ref().and_then(|run| read(&run.join(VEHICLES))).unwrap_or_default();
+        Self { folder: folder.to_owned(), run, vehicles, in_run, said: Vec::new() }
     }
 
     /// The vehicles, by UAV; none before they are saved.
@@ -98,83 +89,55 @@ impl SavedVehicles {
         &self.vehicles
     }
 
-    /// Whether the bridge before has chosen a vehicle.
-    pub fn has_chosen_before(&self) -> bool {
-        self.has_chosen_before
-    }
-
-    /// Saves what the bridge after this one has to know. Returns whether that is saved.
-    pub fn save(&mut self, vehicles: Vec<SavedVehicle>) -> bool {
-        let is_saved = vehicles == self.vehicles
-            || self.write(&self.folder.join(VEHICLES), &vehicles, ": no vehicle is armed meanwhile");
+    /// Saves what the bridge after this one has to know, before the commands of a transition are sent; the run folder keeps
+    /// what it has of vehicles that this bridge has not armed. Returns whether it is saved for the next bridge.
+    pub fn save(&mut self, vehicles: Vec<SavedVehicle>, is_committed: impl Fn(usize) -> bool) -> bool {
+        if vehicles == self.vehicles {
+            return true;
+        }
+        if let Some(run) = &self.run {
+            let kept = |(uav, vehicle): (usize, &SavedVehicle)| match self.in_run.get(uav) {
+                Some(before) if !is_committed(uav) => *before,
+                _ => *vehicle,
+            };
+            let in_run: Vec<SavedVehicle> = vehicles.iter().enumerate().map(kept).collect();
+            let path = run.join(VEHICLES);
+            let is_new = in_run != self.in_run && (0..vehicles.len()).any(is_committed);
+            if is_new && self.write(&path, &in_run, ": --resume would fly its vehicles as they were before") {
+                self.in_run = in_run;
+            }
+        }
+        let is_saved = self.write(&self.folder.join(VEHICLES), &vehicles, ": no vehicle is armed meanwhile");
         if is_saved {
             self.vehicles = vehicles;
         }
         is_saved
     }
 
-    /// Saves that the vehicles of these numbers, from 1, were taken over.
-    pub fn save_taken_over(&mut self, numbers: Vec<usize>) {
-        let mut taken_over = self.taken_over.clone();
-        taken_over.extend(numbers.iter().filter(|number| !self.taken_over.contains(number)));
-        if taken_over.len() > self.taken_over.len() && self.write(&self.folder.join(TAKEN_OVER), &taken_over, "") {
-            self.taken_over = taken_over;
-        }
-    }
-
-    /// Saves in the folder of the run which vehicles were taken over or given up, and, if the mission `has_begun`, which have
-    /// ended it, as `is_end` says, by number from 0: none that has ended begins again, but one that returned before the run
-    /// was resumed does, and one that does not begin may begin when it is.
-    pub fn save_ended(
-        &mut self,
-        fates: impl Iterator<Item = Fate>,
-        has_begun: bool,
-        is_end: impl Fn(usize, Fate) -> bool,
-    ) {
-        let is_kept = |uav, fate| matches!(fate, Fate::Left | Fate::Abandoned) || has_begun && is_end(uav, fate);
-        let kept = fates.enumerate().map(|(uav, fate)| if is_kept(uav, fate) { fate } else { Fate::Open });
-        let mut fates: Vec<Fate> = kept.collect();
-        let begins_run = std::mem::take(&mut self.begins_run);
-        for (now, before) in fates.iter_mut().zip(&self.ended) {
-            if *now == Fate::Open && !(begins_run && *before == Fate::Returns) {
-                *now = *before;
-            }
-        }
-        if let Some(run) = &self.run
-            && fates != self.ended
-            && (!self.ended.is_empty() || fates.iter().any(|fate| *fate != Fate::Open))
-            && self.write(&run.join(ENDED), &fates, ": --resume would fly its vehicles again")
-        {
-            self.ended = fates;
-        }
-    }
-
     /// Writes a file whole or, if that fails, not at all, which is said once, with what `follows`. Returns whether it was
     /// written.
-    fn write(&mut self, path: &Path, content: &impl Serialize, follows: &str) -> bool {
-        let name = path.file_name().unwrap_or_default().display();
-        let new = path.with_file_name(format!(".{name}.new"));
-        let text = serde_json::to_string(content).expect("numbers and addresses are JSON");
-        let written = std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path));
+    fn write(&mut self, path: &Path, vehicles: &[SavedVehicle], follows: &str) -> bool {
+        let written = write(path, vehicles);
         if let Err(error) = &written
             && !self.said.iter().any(|said| said == path)
         {
             self.said.push(path.to_owned());
-            Role::FlightSim.log(format_args!("{name} cannot be written: {error}{follows}"));
+            Role::FlightSim.log(format_args!("{} cannot be written: {error}{follows}", path.display()));
         }
         written.is_ok()
     }
 }
 
-/// A vehicle of which nothing is known any more: it may have been armed.
-const UNKNOWN: SavedVehicle = SavedVehicle {
-    chosen: None,
-    history: History { was_armed: true, was_down: false, has_seen_return: false, fate: Fate::Open },
-};
+/// Writes a file whole, or not at all.
+fn write(path: &Path, vehicles: &[SavedVehicle]) -> std::io::Result<()> {
+    let new = path.with_file_name(format!(".{VEHICLES}.new"));
+    let text = serde_json::to_string(vehicles).expect("states and addresses are JSON");
+    std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, path))
+}
 
 /// The content of a file, empty if there is none; `None` if it cannot be read.
-fn read<T: DeserializeOwned + Default>(path: &Path) -> Option<T> {
-    let Ok(file) = std::fs::symlink_metadata(path) else { return Some(T::default()) };
+fn read(path: &Path) -> Option<Vec<SavedVehicle>> {
+    let Ok(file) = std::fs::symlink_metadata(path) else { return Some(Vec::new()) };
     let text = if file.is_file() { std::fs::read_to_string(path).ok() } else { None };
     serde_json::from_str(&text?).ok()
 }
@@ -183,81 +146,83 @@ fn read<T: DeserializeOwned + Default>(path: &Path) -> Option<T> {
 mod tests {
     use super::*;
 
+    fn vehicle(state: State) -> SavedVehicle {
+        let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
+        SavedVehicle { chosen, state, home_m: Some(488.3) }
+    }
+
+    const FLY: State = State::Fly { has_begun: true };
+    const CHECK: State = State::Check { may_fly_on: false };
+
     #[test]
     fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_tried_again() {
         let folder = tempfile::tempdir().unwrap();
-        let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
-        let of = |was_armed, fate| SavedVehicle {
-            chosen,
-            history: History { was_armed, was_down: !was_armed, has_seen_return: was_armed, fate },
-        };
-        let fates = [Fate::Open, Fate::Returns, Fate::Ended, Fate::Left, Fate::Abandoned];
-        let vehicles: Vec<_> = fates.into_iter().flat_map(|fate| [of(false, fate), of(true, fate)]).collect();
-        let mut saved = SavedVehicles::of(folder.path(), false, 2);
-        assert!(!saved.has_chosen_before() && saved.save(Vec::new()) && saved.save(vehicles.clone()));
-        saved.save_taken_over(vec![1]);
-        saved.save_taken_over(vec![2, 4, 5]);
-        let next = SavedVehicles::of(folder.path(), true, 2);
-        let mut expected = vehicles.clone();
-        [0, 1, 3].into_iter().for_each(|taken| expected[taken].history.fate = Fate::Left); // but for the fifth, which has landed since
-        assert_eq!((next.vehicles(), next.has_chosen_before()), (&*expected, true));
-        assert_eq!(next.taken_over, [1, 2, 4, 5]);
-        assert!(SavedVehicles::of(folder.path(), false, 2).vehicles().is_empty(), "a new run begins anew");
+        let vehicles = vec![vehicle(FLY), vehicle(State::Home { was_seen: true })];
+        let mut saved = SavedVehicles::of(folder.path(), 2);
+        assert!(saved.vehicles().is_empty() && saved.save(vehicles.clone(), |_| true));
+        assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), vehicles);
+        assert_eq!(SavedVehicles::of(folder.path(), 3).vehicles(), [UNKNOWN; 3], "of another run");
 
-        let mut lost = SavedVehicles::of(&folder.path().join("none"), true, 2);
-        assert!(!lost.save(vehicles.clone()) && !lost.save(vehicles.clone()));
+        let mut lost = SavedVehicles::of(&folder.path().join("none"), 2);
+        assert!(!lost.save(vehicles.clone(), |_| true) && !lost.save(vehicles.clone(), |_| true));
         std::fs::create_dir(folder.path().join("none")).unwrap();
-        assert!(lost.save(vehicles));
+        assert!(lost.save(vehicles, |_| true));
     }
 
     #[test]
-    fn what_has_ended_in_a_run_stays_so_in_its_folder() {
+    fn the_run_folder_keeps_what_it_has_of_vehicles_that_were_not_armed_since() {
         let [ring, run] = [0; 2].map(|_| tempfile::tempdir().unwrap());
         std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
-        let save = |is_restarted: bool, has_begun: bool, polls: &[[Fate; 3]]| {
-            let mut saved = SavedVehicles::of(ring.path(), is_restarted, 3);
-            assert!(saved.save(vec![UNKNOWN; 3]));
-            let is_end = |_, fate| matches!(fate, Fate::Ended | Fate::Returns);
-            polls.iter().for_each(|fates| saved.save_ended(fates.iter().copied(), has_begun, is_end));
-            ended_in(run.path()).unwrap()
+        let in_run =
+            || read(&run.path().join(VEHICLES)).unwrap().iter().map(|vehicle| vehicle.state).collect::<Vec<_>>();
+        let save = |states: [State; 2], committed: usize| {
+            let mut saved = SavedVehicles::of(ring.path(), 2);
+            assert!(saved.save(states.map(vehicle).to_vec(), |uav| uav < committed));
         };
-        let saved_by = |polls: &[[Fate; 3]]| save(false, true, polls);
-        assert_eq!(saved_by(&[[Fate::Open; 3]]), []);
-        assert_eq!(saved_by(&[[Fate::Returns, Fate::Open, Fate::Open]]), [Fate::Returns, Fate::Open, Fate::Open]);
-        for has_begun in [false, true] {
-            let next = save(true, has_begun, &[[Fate::Returns, Fate::Open, Fate::Open], [Fate::Open; 3]]);
-            assert_eq!(next, [Fate::Returns, Fate::Open, Fate::Open], "a bridge that is restarted does not forget it");
-        }
-        assert_eq!(saved_by(&[[Fate::Open; 3]]), [Fate::Open; 3], "it flies again");
-        save(false, true, &[[Fate::Returns, Fate::Open, Fate::Open]]);
-        std::fs::remove_file(ring.path().join(VEHICLES)).unwrap(); // the first bridge of a run died before it polled
-        let mut saved = SavedVehicles::of(ring.path(), true, 3);
-        saved.save_ended([Fate::Open; 3].into_iter(), true, |_, _| true);
-        assert_eq!(ended_in(run.path()).unwrap(), [Fate::Open; 3], "it flies again");
-        let returns = [Fate::Returns, Fate::Ended, Fate::Open];
-        assert_eq!(save(false, false, &[returns]), [Fate::Open; 3], "before its mission");
-        assert_eq!(saved_by(&[[Fate::Ended, Fate::Left, Fate::Open]]), [Fate::Ended, Fate::Left, Fate::Open]);
-        // A run that is resumed does not know them as well.
-        let next = [[Fate::Open, Fate::Abandoned, Fate::Open], [Fate::Open, Fate::Open, Fate::Returns]];
-        assert_eq!(saved_by(&next), [Fate::Ended, Fate::Abandoned, Fate::Returns]);
-        assert_eq!(saved_by(&[[Fate::Open, Fate::Open, Fate::Ended]]), [Fate::Ended, Fate::Abandoned, Fate::Ended]);
+        save([CHECK, CHECK], 0);
+        assert_eq!(in_run(), [], "a run in which nothing was armed");
+        save([FLY, CHECK], 1);
+        assert_eq!(in_run(), [FLY, CHECK]);
+        save([State::Home { was_seen: true }, FLY], 2);
+        save([CHECK, State::HandsOff], 0); // resumed too early
+        assert_eq!(in_run(), [State::Home { was_seen: true }, FLY]);
+
+        let next = tempfile::tempdir().unwrap();
+        resume(run.path(), next.path()).unwrap();
+        let resumed: Vec<State> =
+            SavedVehicles::of(next.path(), 2).vehicles().iter().map(|of| of.state.resumed()).collect();
+        assert_eq!(resumed, [CHECK, State::Check { may_fly_on: true }]);
+        std::fs::write(run.path().join(VEHICLES), "[1]").unwrap();
+        assert!(
+            resume(run.path(), next.path()).unwrap_err().to_string().contains("expected the states of its vehicles")
+        );
     }
 
     #[test]
-    fn vehicles_of_which_the_file_cannot_be_read_may_have_been_armed() {
+    fn a_run_is_over_for_its_vehicles_if_others_fly_one_or_none_flies() {
         let folder = tempfile::tempdir().unwrap();
-        let was_armed = || {
-            let saved = SavedVehicles::of(folder.path(), true, 2);
-            saved.vehicles().iter().map(|vehicle| vehicle.history.was_armed).collect::<Vec<_>>()
-        };
-        assert!(was_armed().is_empty(), "the bridge before has not begun");
+        assert!(!is_over(folder.path()));
+        for (states, expected) in [
+            ([FLY, State::Done], false),
+            ([FLY, State::HandsOff], true),
+            ([State::Done, State::Done], true),
+            ([State::Silent, State::Done], false),
+        ] {
+            write(&folder.path().join(VEHICLES), &states.map(vehicle)).unwrap();
+            assert_eq!(is_over(folder.path()), expected, "{states:?}");
+        }
+    }
+
+    #[test]
+    fn vehicles_of_which_the_file_cannot_be_read_are_left_to_their_failsafe() {
+        let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join(VEHICLES);
         for text in ["", "[", "{}", "\0"] {
             std::fs::write(&file, text).unwrap();
-            assert_eq!(was_armed(), [true; 2], "{text:?}");
+            assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), [UNKNOWN; 2], "{text:?}");
         }
         std::fs::remove_file(&file).unwrap();
         std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
-        assert_eq!(was_armed(), [true; 2], "a link to a device");
+        assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), [UNKNOWN; 2], "a link to a device");
     }
 }

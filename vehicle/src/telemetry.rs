@@ -43,8 +43,8 @@ pub enum Telemetry {
         mode: u32,
         /// Whether its motors may run.
         is_armed: bool,
-        /// Whether its autopilot is still starting.
-        is_booting: bool,
+        /// Whether one of its failsafes acts.
+        is_critical: bool,
     },
     /// The flight mode, beside heartbeats.
     Mode(u32),
@@ -54,17 +54,29 @@ pub enum Telemetry {
     Accuracy([f64; 2]),
     /// Energy that is left, as a fraction of the battery's capacity; `None` if it does not measure it.
     Battery(Option<f64>),
+    /// The same, and whether it passes its own checks before arming; `None` if it does not say so.
+    Status {
+        /// Energy that is left.
+        left: Option<f64>,
+        /// Whether it passes its checks.
+        is_ready: Option<bool>,
+    },
     /// Whether it is in the air, by its own judgement.
     InAir(bool),
-    /// The answer to an order.
+    /// The answer to an order of the bridge.
     Answer {
         /// The command of the order ([`Order::command`]).
         command: u16,
         /// Result of MAVLink: 0 accepted.
         result: u8,
     },
-    /// A line for people.
-    Text(String),
+    /// A line for people, or a part of one.
+    Text {
+        /// The text.
+        text: String,
+        /// The number of the line of which it is a part; 0 of a whole line.
+        line: u16,
+    },
     /// A parameter.
     Parameter {
         /// Its name.
@@ -78,6 +90,12 @@ pub enum Telemetry {
 
 /// A result of MAVLink: the order is executed.
 pub const ACCEPTED: u8 = 0;
+
+/// A result of MAVLink: it may be accepted later.
+pub const TEMPORARILY_REJECTED: u8 = 1;
+
+/// A result of MAVLink: it is not supported. PX4 1.14 to 1.17 answers so, and flies to the waypoint.
+pub const UNSUPPORTED: u8 = 3;
 
 /// A result of MAVLink: the order is being executed.
 pub const IN_PROGRESS: u8 = 5;
@@ -104,8 +122,6 @@ pub enum Stream {
 /// A message to a vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
-    /// Change to the mode that follows orders, by the number that the autopilot gives it.
-    Mode(u32),
     /// Arm.
     Arm,
     /// Take off to this altitude.
@@ -116,8 +132,8 @@ pub enum Order {
     Reposition {
         /// Where to.
         to: GlobalTarget,
-        /// Whether the vehicle may change to the mode that follows the order.
-        may_change_mode: bool,
+        /// How fast [m/s]; `None` leaves the speed.
+        speed_mps: Option<f64>,
     },
     /// Return to where it has taken off, and land.
     Return,
@@ -138,21 +154,10 @@ impl Order {
         match self {
             Self::Return => Some(20),
             Self::TakeOff(_) => Some(22),
-            Self::Mode(_) => Some(176),
             Self::Speed(_) => Some(178),
             Self::Reposition { .. } => Some(192),
             Self::Arm => Some(400),
             Self::Interval { .. } | Self::Parameter(_) => None,
-        }
-    }
-
-    /// Whether it could undo what a pilot has just done: it changes the mode, or arms.
-    pub fn may_overrule(&self, autopilot: AutopilotKind) -> bool {
-        match self {
-            Self::Mode(_) | Self::Arm | Self::Return => true,
-            Self::TakeOff(_) => autopilot.may_change_mode(), // ArduPilot refuses it in other modes
-            Self::Reposition { may_change_mode, .. } => *may_change_mode,
-            Self::Speed(_) | Self::Interval { .. } | Self::Parameter(_) => false,
         }
     }
 }

@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use crate::autopilot::{ModeMeaning, NamedModes};
 use mavlink::dialects::common::MavMessage;
 use mavlink::error::MessageReadError;
 use mavlink::{Connection, MAVLinkV2MessageRaw, MavConnection as _, MavHeader, MavlinkReader};
@@ -39,6 +40,53 @@ pub struct WireAddress {
     pub own_system: u8,
     /// Component of the bridge: a ground station.
     pub own_component: u8,
+    /// The modes of the vehicle, where its autopilot is not known.
+    pub modes: NamedModes,
+}
+
+/// The addresses of vehicles, joined by commas; those in `?modes=follow:31,return:34` join modes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WireAddresses(pub Vec<WireAddress>);
+
+impl FromStr for WireAddresses {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut addresses: Vec<String> = Vec::new();
+        for part in text.split(',') {
+            let is_mode =
+                MODES.iter().any(|(name, _)| part.strip_prefix(name).is_some_and(|rest| rest.starts_with(':')));
+            match addresses.last_mut().filter(|address| is_mode && address.contains("modes=")) {
+                Some(address) => *address = format!("{address},{part}"),
+                None => addresses.push(part.to_owned()),
+            }
+        }
+        addresses.iter().map(|address| address.parse()).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+impl fmt::Display for WireAddresses {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let texts: Vec<&str> = self.0.iter().map(|address| &*address.text).collect();
+        formatter.write_str(&texts.join(","))
+    }
+}
+
+/// The modes that an address may name.
+const MODES: [(&str, ModeMeaning); 2] = [("follow", ModeMeaning::Follows), ("return", ModeMeaning::Returns)];
+
+/// The modes of `?modes=follow:31,return:34`; several numbers may follow, or return.
+fn named_modes(value: &str) -> Option<NamedModes> {
+    let named = |text: &str| {
+        let (name, number) = text.split_once(':')?;
+        let (_, meaning) = MODES.iter().find(|(known, _)| *known == name)?;
+        Some((*meaning, number.parse::<u32>().ok()?))
+    };
+    let modes = NamedModes(value.split(',').map(named).collect::<Option<_>>()?);
+    let mut numbers: Vec<u32> = modes.0.iter().map(|(_, number)| *number).collect();
+    numbers.sort_unstable();
+    let has_both = MODES.iter().all(|(_, meaning)| modes.names(*meaning));
+    (has_both && numbers.windows(2).all(|pair| pair[0] != pair[1])).then_some(modes)
 }
 
 impl FromStr for WireAddress {
@@ -59,7 +107,8 @@ impl FromStr for WireAddress {
         }
         check_number(endpoint)?;
         let [text, endpoint] = [text, endpoint].map(str::to_owned);
-        let mut address = Self { text, endpoint, system: None, own_system: 255, own_component: 190 };
+        let (system, modes) = (None, NamedModes::default());
+        let mut address = Self { text, endpoint, system, own_system: 255, own_component: 190, modes };
         let mut keys = Vec::new();
         for option in options.iter().flat_map(|options| options.split('&')) {
             let (key, value) = option.split_once('=').unwrap_or((option, ""));
@@ -74,7 +123,14 @@ impl FromStr for WireAddress {
                 "system" => address.system = Some(expected(number)?),
                 "own_system" => address.own_system = expected(number)?,
                 "own_component" => address.own_component = expected(number)?,
-                _ => return Err(format!("{option}: expected system=N, own_system=N or own_component=N after the `?`")),
+                "modes" => {
+                    let expected = "expected such as modes=follow:31,return:34, each number once";
+                    address.modes = named_modes(value).ok_or_else(|| format!("{option}: {expected}"))?;
+                }
+                _ => {
+                    let expected = "expected system=N, own_system=N, own_component=N or modes=follow:N,return:N";
+                    return Err(format!("{option}: {expected} after the `?`"));
+                }
             }
         }
         if address.system == Some(address.own_system) {
@@ -347,6 +403,20 @@ mod tests {
     }
 
     #[test]
+    fn an_address_may_name_modes_with_commas_between_them() {
+        let text = "udpin:127.0.0.1:1?system=1&modes=follow:31,follow:30,return:34,tcpout:drone:5760";
+        let WireAddresses(addresses) = text.parse().unwrap();
+        use ModeMeaning::{Follows, Returns};
+        let named: Vec<_> = addresses.iter().map(|address| address.modes.0.clone()).collect();
+        assert_eq!(named, [vec![(Follows, 31), (Follows, 30), (Returns, 34)], vec![]]);
+        assert_eq!(WireAddresses(addresses).to_string(), text);
+        for wrong in ["follow:31", "follow:31,return:31", "follow:x,return:1", "land:3,return:1", ""] {
+            let refused = format!("udpin:127.0.0.1:1?modes={wrong}").parse::<WireAddresses>().unwrap_err();
+            assert!(refused.contains("expected such as modes=follow:31,return:34"), "{refused}");
+        }
+    }
+
+    #[test]
     fn an_address_of_another_program_is_refused_with_those_that_may_be_meant() {
         for (address, expected) in [
             (
@@ -393,12 +463,15 @@ mod tests {
             ("system=0", "system=0: expected system=1 to system=255"),
             ("system=256", "system=256: expected system=1 to system=255"),
             ("own_system=", "own_system=: expected own_system=1 to own_system=255"),
-            ("sysid=1", "sysid=1: expected system=N, own_system=N or own_component=N after the `?`"),
+            (
+                "sysid=1",
+                "sysid=1: expected system=N, own_system=N, own_component=N or modes=follow:N,return:N after the `?`",
+            ),
             ("system=1&system=1", "system=1: expected system once"),
             ("own_system=2&system=1&own_system=3", "own_system=3: expected own_system once"),
             ("own_component=2&own_component=3", "own_component=3: expected own_component once"),
             ("system=255", "system=255: expected another than own_system"),
-            ("", ": expected system=N, own_system=N or own_component=N after the `?`"),
+            ("", ": expected system=N, own_system=N, own_component=N or modes=follow:N,return:N after the `?`"),
         ] {
             assert_eq!(parsed(&format!("udpin:127.0.0.1:14540?{options}")), Err(expected.to_owned()));
         }

@@ -1,15 +1,16 @@
-//! What the autopilot of the vehicle does with orders: as ArduCopter, with its traps.
+//! What the autopilot of the vehicle does with orders: as ArduCopter or as PX4, with their traps.
 
+use clap::ValueEnum;
 use mavlink::dialects::common::MavResult;
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use strum::FromRepr;
 
 use crate::body::Body;
-use crate::options::KinematicOptions;
+use crate::options::{Imitated, KinematicOptions};
 
-/// Time after its start before which it refuses to arm [s].
-const READY_S: f64 = 2.0;
+/// Time for which PX4 holds before a failsafe changes the mode [s].
+const HOLDS_S: f64 = 5.0;
 
 /// Time after which an armed vehicle on the ground disarms by itself [s].
 const DISARM_S: f64 = 10.0;
@@ -21,19 +22,36 @@ pub(crate) const RETURN_M: f64 = 15.0;
 const NEAR_M: f64 = 0.5;
 
 /// Flight modes, by ArduCopter's numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, FromRepr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, FromRepr, ValueEnum)]
 #[repr(u32)]
 pub enum CopterMode {
     /// Flown by a pilot.
     Stabilize = 0,
-    /// Follows orders.
+    /// Follows orders: GUIDED, or Hold of PX4.
     Guided = 4,
-    /// Flown by a pilot who lets it hover.
+    /// Flown by a pilot who lets it hover: LOITER, or Position of PX4.
     Loiter = 5,
     /// Returns and lands.
     Return = 6,
     /// Lands where it is.
     Land = 9,
+    /// Takes off, and then follows orders: PX4 alone.
+    TakeOff = 100,
+}
+
+impl CopterMode {
+    /// Its number, as `autopilot` says it.
+    pub fn number(self, autopilot: Imitated) -> u32 {
+        match (autopilot, self) {
+            (Imitated::Arducopter, mode) => mode as u32,
+            (Imitated::Px4, Self::Stabilize) => 7 << 16,
+            (Imitated::Px4, Self::Loiter) => 3 << 16,
+            (Imitated::Px4, Self::TakeOff) => 4 << 16 | 2 << 24,
+            (Imitated::Px4, Self::Guided) => 4 << 16 | 3 << 24,
+            (Imitated::Px4, Self::Return) => 4 << 16 | 5 << 24,
+            (Imitated::Px4, Self::Land) => 4 << 16 | 6 << 24,
+        }
+    }
 }
 
 /// An order that it was given.
@@ -47,8 +65,8 @@ pub enum Given {
     TakeOff(f64),
     /// Fly with this speed [m/s].
     Speed(f64),
-    /// Fly there [m], relative to home.
-    Reposition(Vector3<f64>),
+    /// Fly there [m], relative to home, with this speed [m/s] or that of before.
+    Reposition(Vector3<f64>, Option<f64>),
     /// Return and land.
     Return,
 }
@@ -75,6 +93,11 @@ pub struct Copter {
     heard_s: Option<f64>,
     refusals_left: u32,
     has_failed: bool,
+    /// Whether the GCS failsafe has acted since the bridge was heard last.
+    is_bridge_lost: bool,
+    /// Since when a failsafe acts [s].
+    failsafe_s: Option<f64>,
+    complained_s: f64,
     said: Vec<&'static str>,
 }
 
@@ -84,7 +107,7 @@ impl Copter {
     pub fn new(options: &KinematicOptions) -> Self {
         Self {
             body: Body::default(),
-            mode: CopterMode::Stabilize,
+            mode: options.mode,
             is_armed: false,
             boot_s: 0.0,
             battery: f64::from(options.battery) / 100.0,
@@ -96,8 +119,26 @@ impl Copter {
             heard_s: None,
             refusals_left: options.refuse_arming,
             has_failed: false,
+            is_bridge_lost: false,
+            failsafe_s: None,
+            complained_s: 0.0,
             said: Vec::new(),
         }
+    }
+
+    /// Whether its own checks before arming pass.
+    pub fn is_ready(&self) -> bool {
+        self.boot_s >= self.options.ready_after
+    }
+
+    /// Whether a failsafe acts.
+    pub fn is_critical(&self) -> bool {
+        self.failsafe_s.is_some()
+    }
+
+    /// The number of its mode.
+    pub fn mode_number(&self) -> u32 {
+        self.mode.number(self.options.autopilot)
     }
 
     /// Whether it is in the air.
@@ -113,18 +154,23 @@ impl Copter {
     /// Notes a heartbeat of the bridge.
     pub fn hear_bridge(&mut self) {
         self.heard_s = Some(self.boot_s);
+        self.is_bridge_lost = false;
     }
 
     /// Does what it is told, or refuses.
     pub fn obey(&mut self, given: Given) -> MavResult {
         let is_guided = self.mode == CopterMode::Guided;
+        let is_px4 = self.options.is_px4();
         match given {
             Given::Mode(mode) => {
                 CopterMode::from_repr(mode).map_or(MavResult::MAV_RESULT_FAILED, |mode| self.change_to(mode))
             }
             Given::Return => self.change_to(CopterMode::Return),
             Given::Arm => self.arm(),
-            Given::TakeOff(z_m) if is_guided && self.is_armed && !self.is_in_air() => {
+            Given::TakeOff(z_m) if (is_guided || is_px4) && self.is_armed && !self.is_in_air() => {
+                if is_px4 {
+                    let _ = self.change_to(CopterMode::TakeOff); // from whatever mode
+                }
                 self.target_m = Some(Vector3::new(self.body.position_m.x, self.body.position_m.y, z_m));
                 self.took_off_s.get_or_insert(self.boot_s);
                 MavResult::MAV_RESULT_ACCEPTED
@@ -136,19 +182,25 @@ impl Copter {
                 }
                 MavResult::MAV_RESULT_ACCEPTED
             }
-            Given::Reposition(target_m) if is_guided => {
+            Given::Reposition(target_m, speed_mps) if is_guided => {
                 if self.is_in_air() {
                     self.target_m = Some(target_m);
+                    self.speed_mps = speed_mps.unwrap_or(self.speed_mps);
                 } // on the ground it is accepted, without effect
-                MavResult::MAV_RESULT_ACCEPTED
+                if is_px4 { MavResult::MAV_RESULT_UNSUPPORTED } else { MavResult::MAV_RESULT_ACCEPTED }
             }
-            Given::Reposition(_) => MavResult::MAV_RESULT_DENIED,
+            Given::Reposition(..) if is_px4 => MavResult::MAV_RESULT_UNSUPPORTED,
+            Given::Reposition(..) => MavResult::MAV_RESULT_DENIED,
         }
     }
 
     /// Changes to `mode`, as a pilot or a failsafe does.
     pub fn change_to(&mut self, mode: CopterMode) -> MavResult {
+        if self.options.is_px4() && mode == CopterMode::Guided && self.mode != mode {
+            self.speed_mps = self.options.speed; // PX4 forgets what it was asked for
+        }
         self.mode = mode;
+        self.failsafe_s = None; // somebody has taken control
         if let Some(target_m) = &mut self.target_m {
             *target_m = self.body.position_m; // stops where it is
             target_m.z = match mode {
@@ -180,8 +232,8 @@ impl Copter {
         if self.is_armed {
             return MavResult::MAV_RESULT_ACCEPTED;
         }
-        if self.boot_s < READY_S || self.refusals_left > 0 {
-            self.refusals_left = self.refusals_left.saturating_sub(u32::from(self.boot_s >= READY_S));
+        if !self.is_ready() || self.refusals_left > 0 {
+            self.refusals_left = self.refusals_left.saturating_sub(u32::from(self.is_ready()));
             self.said.push("Arm: Need Position Estimate");
             return MavResult::MAV_RESULT_FAILED;
         }
@@ -193,6 +245,10 @@ impl Copter {
     /// Advances by `dt_s` [s].
     pub fn step(&mut self, dt_s: f64, random: &mut ChaCha8Rng) {
         self.boot_s += dt_s;
+        if !self.is_ready() && self.boot_s >= self.complained_s + 1.0 {
+            self.complained_s = self.boot_s;
+            self.said.push("PreArm: Need Position Estimate");
+        }
         self.check_failsafes();
         let Some(target_m) = self.target_m else {
             if self.is_armed && self.boot_s - self.armed_s > DISARM_S {
@@ -205,6 +261,9 @@ impl Copter {
         self.body.fly(&target_m, &limits, dt_s, random);
         if self.comes_down() {
             self.come_home(target_m);
+        } else if self.mode == CopterMode::TakeOff && (self.body.position_m.z - target_m.z).abs() < NEAR_M {
+            let _ = self.change_to(CopterMode::Guided);
+            self.target_m = Some(target_m);
         }
     }
 
@@ -219,14 +278,24 @@ impl Copter {
         let is_silent = self.heard_s.is_some_and(|heard_s| self.boot_s - heard_s > self.options.silence);
         let flown_s = self.took_off_s.map_or(0.0, |took_off_s| self.boot_s - took_off_s);
         let is_due = self.options.failsafe_at.is_some_and(|at_s| flown_s >= at_s) && !self.has_failed;
-        if is_silent && self.options.dead_man > 0 {
-            self.said.push("GCS Failsafe");
-            self.change_to(CopterMode::Return);
-        } else if is_due {
-            self.has_failed = true;
-            self.said.push("Battery Failsafe");
-            self.change_to(CopterMode::Return);
+        if let Some(since_s) = self.failsafe_s {
+            if self.boot_s - since_s >= HOLDS_S {
+                self.change_to(CopterMode::Return);
+                self.failsafe_s = Some(since_s);
+            }
+            return;
         }
+        let text = match self.options.autopilot {
+            _ if is_due => "Battery Failsafe",
+            _ if !is_silent || self.is_bridge_lost || self.options.gcs_failsafe() == 0 => return,
+            Imitated::Arducopter => "GCS Failsafe",
+            Imitated::Px4 => "Failsafe activated: GCS connection loss, triggering Return in 5 seconds\t",
+        };
+        self.has_failed |= is_due;
+        self.is_bridge_lost |= is_silent;
+        self.said.push(text);
+        self.change_to(if self.options.is_px4() { CopterMode::Guided } else { CopterMode::Return });
+        self.failsafe_s = Some(self.boot_s);
     }
 
     /// The parts of a return: climb, home, down.
@@ -246,6 +315,10 @@ impl Copter {
             self.body.stand();
             self.target_m = None;
             self.is_armed = false;
+            self.failsafe_s = None;
+            if self.options.is_px4() {
+                self.mode = CopterMode::Guided; // that of before
+            }
         }
     }
 }
@@ -262,7 +335,7 @@ mod tests {
 
     fn in_air() -> Copter {
         let mut copter = Copter::new(&KinematicOptions { refuse_arming: 2, ..KinematicOptions::default() });
-        assert_eq!(copter.obey(Given::Arm), MavResult::MAV_RESULT_FAILED, "too early");
+        assert!(copter.obey(Given::Arm) == MavResult::MAV_RESULT_FAILED && !copter.is_ready(), "too early");
         advance(&mut copter, 3.0);
         let results = [Given::Mode(4), Given::Arm, Given::Arm, Given::Arm].map(|given| copter.obey(given));
         use MavResult::{MAV_RESULT_ACCEPTED, MAV_RESULT_FAILED};
@@ -280,7 +353,7 @@ mod tests {
         assert_eq!(copter.obey(Given::TakeOff(20.0)), MavResult::MAV_RESULT_FAILED);
         copter.obey(Given::Mode(4));
         copter.obey(Given::Arm);
-        assert_eq!(copter.obey(Given::Reposition(Vector3::new(5.0, 0.0, 20.0))), MavResult::MAV_RESULT_ACCEPTED);
+        assert_eq!(copter.obey(Given::Reposition(Vector3::new(5.0, 0.0, 20.0), None)), MavResult::MAV_RESULT_ACCEPTED);
         advance(&mut copter, 9.0);
         assert!(copter.is_armed && !copter.is_in_air(), "a reposition on the ground has no effect");
         advance(&mut copter, 2.0);
@@ -290,7 +363,7 @@ mod tests {
     #[test]
     fn the_autopilot_holds_its_target_and_returns_when_the_bridge_is_silent() {
         let mut copter = in_air();
-        copter.obey(Given::Reposition(Vector3::new(30.0, 10.0, 20.0)));
+        copter.obey(Given::Reposition(Vector3::new(30.0, 10.0, 20.0), None));
         advance(&mut copter, 60.0);
         assert!((copter.body.position_m - Vector3::new(30.0, 10.0, 20.0)).norm() < 0.1, "no bridge was ever heard");
         assert!((copter.battery - (1.0 - 72.0 / 1200.0)).abs() < 1e-9, "since it took off: {}", copter.battery);
@@ -299,11 +372,56 @@ mod tests {
         assert_eq!(copter.mode, CopterMode::Guided);
         advance(&mut copter, 0.3);
         assert_eq!(
-            (copter.mode, copter.obey(Given::Reposition(Vector3::zeros()))),
+            (copter.mode, copter.obey(Given::Reposition(Vector3::zeros(), None))),
             (CopterMode::Return, MavResult::MAV_RESULT_DENIED)
         );
         assert_eq!(copter.take_said().last(), Some(&"GCS Failsafe"));
         advance(&mut copter, 60.0);
         assert!(!copter.is_armed && copter.body.position_m.norm() < 0.6, "{copter:?}");
+    }
+
+    /// A PX4 that hovers at 20 m.
+    fn px4() -> Copter {
+        let options = KinematicOptions { autopilot: Imitated::Px4, ..KinematicOptions::default() };
+        let mut copter = Copter::new(&options);
+        advance(&mut copter, 3.0);
+        assert_eq!(
+            [Given::Arm, Given::TakeOff(20.0)].map(|given| copter.obey(given)),
+            [MavResult::MAV_RESULT_ACCEPTED; 2]
+        );
+        assert_eq!(copter.mode, CopterMode::TakeOff);
+        advance(&mut copter, 12.0);
+        assert_eq!(copter.mode, CopterMode::Guided);
+        copter
+    }
+
+    #[test]
+    fn px4_flies_a_reposition_that_it_answers_unsupported_and_resets_its_speed_on_entering_hold() {
+        let mut copter = px4();
+        let there = Vector3::new(30.0, 0.0, 20.0);
+        assert_eq!(copter.obey(Given::Reposition(there, Some(3.0))), MavResult::MAV_RESULT_UNSUPPORTED);
+        advance(&mut copter, 5.0);
+        assert!((copter.body.velocity_mps.norm() - 3.0).abs() < 0.1, "{copter:?}");
+        let _ = copter.change_to(CopterMode::Loiter);
+        assert_eq!(copter.obey(Given::Reposition(there, None)), MavResult::MAV_RESULT_UNSUPPORTED);
+        advance(&mut copter, 5.0);
+        assert!(copter.body.velocity_mps.norm() < 0.1, "{copter:?}");
+        let _ = copter.change_to(CopterMode::Guided);
+        assert_eq!(copter.speed_mps, 10.0);
+    }
+
+    #[test]
+    fn a_failsafe_of_px4_holds_for_five_seconds_and_a_change_of_the_mode_ends_it() {
+        let mut copter = px4();
+        copter.hear_bridge();
+        advance(&mut copter, 5.5);
+        assert_eq!((copter.mode, copter.is_critical()), (CopterMode::Guided, true));
+        let mut kept = copter.clone();
+        advance(&mut copter, 5.0);
+        assert_eq!((copter.mode, copter.is_critical()), (CopterMode::Return, true));
+        advance(&mut copter, 60.0);
+        assert_eq!((copter.mode, copter.is_armed, copter.is_critical()), (CopterMode::Guided, false, false), "landed");
+        let _ = kept.change_to(CopterMode::Loiter);
+        assert!(!kept.is_critical(), "a pilot");
     }
 }

@@ -7,7 +7,7 @@
 pub mod autopilot;
 pub mod body;
 pub mod mission;
-mod options;
+pub mod options;
 pub mod server;
 
 pub use options::KinematicOptions;

@@ -7,7 +7,7 @@ use clap::Parser;
 use skysink_kinematic_vehicle::{KinematicOptions, mission, server};
 use skysink_ring::wait::stop_on_signals;
 
-/// A copter without dynamics of its own that behaves towards a ground station as ArduCopter does.
+/// A copter without dynamics of its own that behaves towards a ground station as ArduCopter or PX4 does.
 #[derive(Debug, Parser)]
 struct Cli {
     #[command(flatten)]

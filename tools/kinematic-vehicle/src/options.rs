@@ -1,11 +1,22 @@
 //! The options of the vehicle.
 
-use clap::{Args, Parser};
+use clap::{Args, Parser, ValueEnum};
 use skysink_common::geodata::projection::Origin;
 use skysink_common::option_value::{number, positive};
 use skysink_vehicle::wire::WireAddress;
 
+use crate::autopilot::CopterMode;
 use crate::body::MotionLimits;
+
+/// The autopilot that is imitated.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Imitated {
+    /// ArduCopter.
+    #[default]
+    Arducopter,
+    /// PX4.
+    Px4,
+}
 
 /// What the vehicle can do, and what goes wrong.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -13,6 +24,12 @@ pub struct KinematicOptions {
     /// Address of the link.
     #[arg(long, value_name = "ADDRESS", default_value = "udpout:127.0.0.1:14540")]
     pub connect: WireAddress,
+    /// The autopilot that it imitates.
+    #[arg(long, value_enum, default_value_t)]
+    pub autopilot: Imitated,
+    /// The mode in which its operator has left it; the bridge waits for `guided` (GUIDED, or Hold of PX4).
+    #[arg(long, value_enum, default_value = "guided")]
+    pub mode: CopterMode,
     /// Home: latitude and longitude of the first vehicle [deg].
     #[arg(long, value_name = "LAT,LON", default_value = "47.3977,8.5456", allow_hyphen_values = true)]
     pub home: Origin,
@@ -40,16 +57,19 @@ pub struct KinematicOptions {
     /// Probability of a message to be lost, in both directions.
     #[arg(long, value_name = "P", default_value = "0", value_parser = least())]
     pub loss: f64,
-    /// Refuse to arm this many times.
+    /// Refuse to arm this many times, though its own checks pass.
     #[arg(long, value_name = "N", default_value = "0")]
     pub refuse_arming: u32,
+    /// Time after its start from which its own checks before arming pass [s].
+    #[arg(long, value_name = "S", default_value = "2", value_parser = least())]
+    pub ready_after: f64,
     /// Time after take-off at which a failsafe returns the vehicle [s].
     #[arg(long, value_name = "S", value_parser = positive())]
     pub failsafe_at: Option<f64>,
-    /// FS_GCS_ENABLE: it returns when the bridge is silent, unless it is 0.
-    #[arg(long, value_name = "0..7", default_value = "1", value_parser = clap::value_parser!(u8).range(0..=7))]
-    pub dead_man: u8,
-    /// FS_GCS_TIMEOUT: how long the bridge is silent before it returns [s].
+    /// FS_GCS_ENABLE or, of PX4, NAV_DLL_ACT: it returns when the bridge is silent, unless it is 0 [default: 1, of PX4 2].
+    #[arg(long, value_name = "0..7", value_parser = clap::value_parser!(u8).range(0..=7))]
+    pub gcs_failsafe: Option<u8>,
+    /// FS_GCS_TIMEOUT, or COM_DL_LOSS_T: how long the bridge is silent before it returns [s].
     #[arg(long, value_name = "S", default_value = "5", value_parser = positive())]
     pub silence: f64,
     /// Time that it hovers with a full battery [s].
@@ -77,6 +97,16 @@ impl Default for KinematicOptions {
 }
 
 impl KinematicOptions {
+    /// The parameter of its GCS failsafe.
+    pub fn gcs_failsafe(&self) -> u8 {
+        self.gcs_failsafe.unwrap_or(if self.is_px4() { 2 } else { 1 })
+    }
+
+    /// Whether it imitates PX4.
+    pub fn is_px4(&self) -> bool {
+        self.autopilot == Imitated::Px4
+    }
+
     /// The limits of the body at this greatest speed [m/s].
     pub(crate) fn limits(&self, speed_mps: f64) -> MotionLimits {
         MotionLimits { acceleration_mps2: self.acceleration, speed_mps, lag_s: self.lag, wind_mps: self.wind }

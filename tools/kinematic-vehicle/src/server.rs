@@ -5,9 +5,9 @@ use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 use mavlink::dialects::common::{
-    COMMAND_ACK_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd,
-    MavFrame, MavLandedState, MavMessage, MavModeFlag, MavParamType, MavResult, MavSeverity, MavState, MavType,
-    PARAM_VALUE_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA,
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA,
+    HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState, MavMessage, MavModeFlag, MavParamType, MavResult,
+    MavSeverity, MavState, MavSysStatusSensor, MavType, PARAM_VALUE_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA,
 };
 use mavlink::{MavHeader, MessageData as _};
 use nalgebra::Vector3;
@@ -39,6 +39,12 @@ const SLOW_S: f64 = 1.0;
 
 /// Period of positions that nobody has asked for [s].
 const DEFAULT_S: f64 = 0.25;
+
+/// Period of PX4's reports of the mode [s], which it sends at changes, too.
+const MODE_S: f64 = 0.5;
+
+/// Longest text of a message [byte].
+const TEXT: usize = 50;
 
 /// The connection of the vehicles, on which messages get lost, with its random numbers.
 struct LossyLink<'a> {
@@ -91,6 +97,9 @@ struct LinkedCopter {
     heartbeat_every_s: f64,
     heartbeat_due_s: f64,
     slow_due_s: f64,
+    mode_due_s: f64,
+    said_mode: u32,
+    texts: u16,
 }
 
 /// Flies until `stop`. Shows the vehicles, in the order of their systems, to `seen` about every millisecond, which may be
@@ -138,6 +147,9 @@ impl LinkedCopter {
             heartbeat_every_s: SLOW_S,
             heartbeat_due_s: 0.0,
             slow_due_s: 0.0,
+            mode_due_s: 0.0,
+            said_mode: 0,
+            texts: 0,
         }
     }
 
@@ -154,28 +166,35 @@ impl LinkedCopter {
             MavMessage::HEARTBEAT(_) if header.system_id == u32::from(GROUND_STATION) => self.copter.hear_bridge(),
             MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
                 let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
-                let result = self.obey_long(command.command, p1, p2, p7);
-                self.answer(command.command, result, link);
+                let result = self.obey_long(command.command, p1, p2, p7, link.options.is_px4());
+                self.answer(command.command, result, header.system_id as u8, link);
             }
             MavMessage::COMMAND_INT(command) if is_mine(command.target_system) => {
                 let result = match command.command {
-                    MavCmd::MAV_CMD_DO_REPOSITION => self.reposition(command.x, command.y, command.z, command.frame),
+                    MavCmd::MAV_CMD_DO_REPOSITION => self.reposition(command),
                     _ => MavResult::MAV_RESULT_UNSUPPORTED,
                 };
-                self.answer(command.command, result, link);
+                self.answer(command.command, result, header.system_id as u8, link);
             }
             MavMessage::PARAM_REQUEST_READ(request) if is_mine(request.target_system) => {
-                let param_value = match request.param_id.to_str() {
-                    Ok("FS_GCS_ENABLE") => f32::from(link.options.dead_man),
-                    Ok("MAV_GCS_SYSID") => f32::from(GROUND_STATION),
+                let is_px4 = link.options.is_px4();
+                let value = match (request.param_id.to_str(), is_px4) {
+                    (Ok("FS_GCS_ENABLE"), false) | (Ok("NAV_DLL_ACT"), true) => link.options.gcs_failsafe(),
+                    (Ok("MAV_GCS_SYSID"), false) => GROUND_STATION,
+                    (Ok("COM_DLL_EXCEPT"), true) => 0,
                     _ => return,
                 };
+                let param_value = if is_px4 { f32::from_bits(value.into()) } else { f32::from(value) };
                 let value = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
                     param_value,
                     param_count: 1,
                     param_index: 0,
                     param_id: request.param_id,
-                    param_type: MavParamType::MAV_PARAM_TYPE_INT8,
+                    param_type: if is_px4 {
+                        MavParamType::MAV_PARAM_TYPE_INT32
+                    } else {
+                        MavParamType::MAV_PARAM_TYPE_INT8
+                    },
                 });
                 self.send(&value, link);
             }
@@ -183,17 +202,19 @@ impl LinkedCopter {
         }
     }
 
-    fn obey_long(&mut self, command: MavCmd, p1: f64, p2: f64, p7: f64) -> MavResult {
+    fn obey_long(&mut self, command: MavCmd, p1: f64, p2: f64, p7: f64, is_px4: bool) -> MavResult {
         let given = match command {
             MavCmd::MAV_CMD_DO_SET_MODE => Given::Mode(p2 as u32),
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if p1 == 1.0 => Given::Arm,
-            MavCmd::MAV_CMD_NAV_TAKEOFF => Given::TakeOff(p7),
+            MavCmd::MAV_CMD_NAV_TAKEOFF => Given::TakeOff(if is_px4 { p7 - HOME_M } else { p7 }),
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => Given::Speed(p2),
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Given::Return,
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 let asked_s = (p2 > 0.0).then_some(p2 / 1e6);
                 if p1 == f64::from(GLOBAL_POSITION_INT_DATA::ID) {
                     self.position_every_s = asked_s.unwrap_or(DEFAULT_S);
+                } else if p1 == f64::from(HEARTBEAT_DATA::ID) && is_px4 {
+                    return MavResult::MAV_RESULT_FAILED;
                 } else if p1 == f64::from(HEARTBEAT_DATA::ID) {
                     self.heartbeat_every_s = asked_s.unwrap_or(SLOW_S);
                 }
@@ -204,7 +225,8 @@ impl LinkedCopter {
         self.copter.obey(given)
     }
 
-    fn reposition(&mut self, x: i32, y: i32, z: f32, frame: MavFrame) -> MavResult {
+    fn reposition(&mut self, command: &COMMAND_INT_DATA) -> MavResult {
+        let COMMAND_INT_DATA { x, y, z, frame, param1: speed_mps, .. } = *command;
         let z_m = match frame {
             MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT => f64::from(z),
             MavFrame::MAV_FRAME_GLOBAL => f64::from(z) - HOME_M,
@@ -212,13 +234,17 @@ impl LinkedCopter {
         };
         let [lat_deg, lon_deg] = [x, y].map(|e7| f64::from(e7) / 1e7);
         match self.projection.project(lat_deg, lon_deg) {
-            Some(place) if (x, y) != (0, 0) => self.copter.obey(Given::Reposition(Vector3::new(place.x, place.y, z_m))),
+            Some(place) if (x, y) != (0, 0) => {
+                let speed_mps = (speed_mps > 0.0).then_some(f64::from(speed_mps));
+                self.copter.obey(Given::Reposition(Vector3::new(place.x, place.y, z_m), speed_mps))
+            }
             _ => MavResult::MAV_RESULT_DENIED,
         }
     }
 
-    fn answer(&self, command: MavCmd, result: MavResult, link: &mut LossyLink) {
-        self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result }), link);
+    fn answer(&self, command: MavCmd, result: MavResult, to: u8, link: &mut LossyLink) {
+        let ack = COMMAND_ACK_DATA { command, result, target_system: to, ..COMMAND_ACK_DATA::default() };
+        self.send(&MavMessage::COMMAND_ACK(ack), link);
     }
 
     /// Sends what is due.
@@ -226,16 +252,27 @@ impl LinkedCopter {
         let now_s = self.copter.boot_s;
         for line in self.copter.take_said() {
             let severity = MavSeverity::MAV_SEVERITY_CRITICAL;
-            self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: line.into() }), link);
+            self.texts += 1;
+            let id = if line.len() > TEXT { self.texts } else { 0 };
+            for (part, chunk_seq) in line.as_bytes().chunks(TEXT).zip(0..) {
+                let text = std::str::from_utf8(part).expect("ASCII").into();
+                self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text, id, chunk_seq }), link);
+            }
         }
         if now_s >= self.position_due_s {
             self.position_due_s = now_s + self.position_every_s;
             let position = self.position(link);
             self.send(&position, link);
         }
+        let mode = self.copter.mode_number();
+        if link.options.is_px4() && (now_s >= self.mode_due_s || mode != self.said_mode) {
+            (self.mode_due_s, self.said_mode) = (now_s + MODE_S, mode);
+            let current = CURRENT_MODE_DATA { custom_mode: mode, ..CURRENT_MODE_DATA::default() };
+            self.send(&MavMessage::CURRENT_MODE(current), link);
+        }
         if now_s >= self.heartbeat_due_s {
             self.heartbeat_due_s = now_s + self.heartbeat_every_s;
-            self.send(&self.heartbeat(), link);
+            self.send(&self.heartbeat(link.options.is_px4()), link);
         }
         if now_s >= self.slow_due_s {
             self.slow_due_s = now_s + SLOW_S;
@@ -265,20 +302,26 @@ impl LinkedCopter {
         })
     }
 
-    fn heartbeat(&self) -> MavMessage {
+    fn heartbeat(&self, is_px4: bool) -> MavMessage {
         let armed = if self.copter.is_armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-            custom_mode: self.copter.mode as u32,
+            custom_mode: self.copter.mode_number(),
             mavtype: MavType::MAV_TYPE_QUADROTOR,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            autopilot: if is_px4 { MavAutopilot::MAV_AUTOPILOT_PX4 } else { MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA },
             base_mode: MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed,
-            system_status: MavState::MAV_STATE_ACTIVE,
+            system_status: match self.copter.is_critical() {
+                true => MavState::MAV_STATE_CRITICAL,
+                false => MavState::MAV_STATE_ACTIVE,
+            },
             mavlink_version: 3,
         })
     }
 
     fn battery(&self) -> MavMessage {
+        let prearm = MavSysStatusSensor::MAV_SYS_STATUS_PREARM_CHECK;
         MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+            onboard_control_sensors_enabled: prearm,
+            onboard_control_sensors_health: if self.copter.is_ready() { prearm } else { MavSysStatusSensor::empty() },
             battery_remaining: (self.copter.battery * 100.0).round() as i8,
             ..SYS_STATUS_DATA::default()
         })
@@ -298,7 +341,7 @@ impl LinkedCopter {
 mod tests {
     use super::*;
     use crate::autopilot::CopterMode;
-    use mavlink::dialects::common::{COMMAND_INT_DATA, COMMAND_LONG_DATA, PARAM_REQUEST_READ_DATA};
+    use mavlink::dialects::common::{COMMAND_LONG_DATA, PARAM_REQUEST_READ_DATA};
 
     /// A vehicle with these options, and its link to a wire that hears it.
     fn linked(options: &KinematicOptions) -> (LinkedCopter, LossyLink<'_>, Wire) {
@@ -353,13 +396,13 @@ mod tests {
         assert_eq!(state.landed_state, MavLandedState::MAV_LANDED_STATE_ON_GROUND);
         let mut positions = |asked_us: f64| {
             let command = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
-            vehicle.obey_long(command, f64::from(GLOBAL_POSITION_INT_DATA::ID), asked_us, 0.0);
+            vehicle.obey_long(command, f64::from(GLOBAL_POSITION_INT_DATA::ID), asked_us, 0.0, false);
             let begin_s = vehicle.copter.boot_s;
             (1..=400).for_each(|step| {
                 vehicle.copter.boot_s = begin_s + f64::from(step) * 0.01;
                 vehicle.speak(&mut link);
             });
-            vehicle.answer(command, MavResult::MAV_RESULT_ACCEPTED, &mut link); // the last message
+            vehicle.answer(command, MavResult::MAV_RESULT_ACCEPTED, 255, &mut link); // the last message
             let mut said = Vec::new();
             while !matches!(said.last(), Some(MavMessage::COMMAND_ACK(_))) {
                 said.extend(heard(&peer, 1));
@@ -374,15 +417,15 @@ mod tests {
     }
 
     #[test]
-    fn it_tells_its_own_dead_man_switch_and_no_other_parameter() {
-        let options = KinematicOptions { dead_man: 0, ..KinematicOptions::default() };
+    fn it_tells_its_own_gcs_failsafe_and_no_other_parameter() {
+        let options = KinematicOptions { gcs_failsafe: Some(0), ..KinematicOptions::default() };
         let (mut vehicle, mut link, peer) = linked(&options);
         let header = MavHeader { system_id: GROUND_STATION.into(), component_id: 190, sequence: 0 };
         for (target_system, name) in [(1, "FS_GCS_TIMEOUT"), (2, "FS_GCS_ENABLE"), (1, "FS_GCS_ENABLE")] {
             let asked = PARAM_REQUEST_READ_DATA { target_system, param_id: name.into(), ..Default::default() };
             vehicle.hear(&header, &MavMessage::PARAM_REQUEST_READ(asked), &mut link);
         }
-        vehicle.send(&vehicle.heartbeat(), &mut link);
+        vehicle.send(&vehicle.heartbeat(false), &mut link);
         let [MavMessage::PARAM_VALUE(told), MavMessage::HEARTBEAT(_)] = &heard(&peer, 2)[..] else { panic!("others") };
         assert_eq!((told.param_id.to_str(), told.param_value), (Ok("FS_GCS_ENABLE"), 0.0));
     }

@@ -1,10 +1,11 @@
-//! The bridge and kinematic vehicles, without sockets, clocks and processes.
+//! The bridge in closed loops with kinematic vehicles, without sockets and processes.
 
 mod doubts;
+mod faults;
 mod fleets;
 mod flight;
 mod missions;
-mod pilot;
-mod rearmed;
+mod page;
+mod pilots;
 mod restarts;
-mod stops;
+mod storm;

@@ -5,13 +5,12 @@ use proptest::prelude::*;
 use skysink_common::message::{HoldReason, Mode, Plan};
 use skysink_flight_sim::outside::REACHED_M;
 use skysink_kinematic_vehicle::KinematicOptions;
-use skysink_kinematic_vehicle::autopilot::{CopterMode, Given};
+use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
 use skysink_vehicle::bridge::SlotEnds;
 use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
 
-use crate::flight::{ClosedLoop, RESTARTED, plan, scenario};
-use skysink_vehicle::preflight::Beginning;
+use crate::flight::{ClosedLoop, count, flight_over, options_of, plan, scenario};
 
 #[test]
 fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {
@@ -65,10 +64,11 @@ fn a_vehicle_that_was_never_heard_ends_its_slots_on_time() {
 fn a_vehicle_on_the_ground_does_not_take_off_to_return() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.advance(1.0);
-    flight.bridge.return_home("the test is over", flight.now_s);
+    flight.bridge.return_home("the test is over");
+    flight.step();
     assert!(flight.bridge.has_landed());
     flight.advance(10.0);
-    assert!(!flight.copter.is_armed && flight.take_offs == 0, "{:?}", flight.said);
+    assert!(!flight.copter.is_armed && flight.orders.is_empty(), "{:?}", flight.said);
 }
 
 #[test]
@@ -117,20 +117,19 @@ fn a_missed_waypoint_is_pursued_in_the_next_slot() {
 }
 
 #[test]
-fn a_vehicle_whose_dead_man_switch_is_unknown_does_not_take_off() {
+fn a_vehicle_whose_gcs_failsafe_is_unknown_does_not_take_off() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
-    flight.dead_man = None;
-    flight.advance(60.0);
-    assert!((55..=60).contains(&flight.questions), "one a second: {}", flight.questions);
+    flight.gcs_failsafe = None;
+    flight.advance(58.0);
+    assert!((52..=58).contains(&flight.questions), "one a second: {}", flight.questions);
     assert!(!flight.copter.is_armed, "{:?}", flight.said);
     assert!(flight.said.iter().any(|line| line.contains("to say what it does when the bridge is silent")));
 }
 
 #[test]
-fn a_vehicle_whose_dead_man_switch_does_not_act_in_flight_is_refused() {
+fn a_vehicle_whose_gcs_failsafe_does_not_act_in_flight_is_refused() {
     let refusal = |autopilot, condition: f32| {
-        let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
-        flight.is_a(autopilot);
+        let mut flight = ClosedLoop::new(&options_of(autopilot), 0.0);
         flight.condition = Some(condition);
         flight.advance(2.5);
         flight.refusal.map(|refusal| refusal.why.to_string())
@@ -142,11 +141,10 @@ fn a_vehicle_whose_dead_man_switch_does_not_act_in_flight_is_refused() {
     let values = [0.0, 1.0, 2.0, 4.0, 7.0].map(|value| refusal(AutopilotKind::Px4, value));
     assert_eq!(values, [None, None, except_hold(2), None, except_hold(7)]);
     // It is asked until it has told its switch, and for some seconds more.
-    let mut late = ClosedLoop::new(&KinematicOptions::default(), 0.0);
-    late.is_a(AutopilotKind::Px4);
-    let switch = late.dead_man.take();
+    let mut late = ClosedLoop::new(&options_of(AutopilotKind::Px4), 0.0);
+    let failsafe = late.gcs_failsafe.take();
     late.advance(10.0);
-    late.dead_man = switch;
+    late.gcs_failsafe = failsafe;
     late.advance(3.0);
     assert!(!late.copter.is_armed, "{:?}", late.said);
     late.condition = Some(2.0);
@@ -172,42 +170,6 @@ fn a_vehicle_too_far_from_its_start_does_not_take_off() {
 }
 
 #[test]
-fn a_restarted_bridge_leaves_a_vehicle_that_others_fly_and_keeps_one_in_guided_mode() {
-    for (mode, is_kept) in [(CopterMode::Stabilize, false), (CopterMode::Return, false), (CopterMode::Guided, true)] {
-        let mut before = ClosedLoop::new(&KinematicOptions::default(), 0.0);
-        before.until(60.0, |flight| flight.bridge.has_begun());
-        before.fly_slot(1, Some(plan(50.0, 62.0)));
-        let mut flight =
-            ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, before.reports.clone(), RESTARTED);
-        flight.copter = before.copter;
-        flight.start_m = before.start_m;
-        flight.copter.mode = mode;
-        flight.advance(8.0);
-        let has_given_up = flight.said.iter().any(|line| line.contains("it is flown by others"));
-        assert_eq!((has_given_up, flight.copter.mode), (!is_kept, mode), "{:?}", flight.said);
-        if is_kept {
-            let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
-            assert!((report.y_m - 66.0).abs() < REACHED_M, "{report:?}");
-        }
-    }
-}
-
-#[test]
-fn a_restarted_bridge_leaves_a_vehicle_that_is_armed_on_the_ground() {
-    let options = KinematicOptions::default();
-    let mut before = ClosedLoop::new(&options, 0.0);
-    before.until(60.0, |flight| flight.copter.is_armed);
-    assert!(!before.copter.is_in_air());
-    let restarted = Beginning::Restarted { in_mission: false };
-    let mut flight = ClosedLoop::after(&scenario(""), &options, 0.0, before.reports.clone(), restarted);
-    flight.copter = before.copter;
-    flight.start_m = before.start_m;
-    flight.advance(60.0);
-    assert!(flight.said.iter().any(|line| line.contains("it is armed on the ground (GUIDED)")), "{:?}", flight.said);
-    assert!(!flight.copter.is_in_air() && !flight.copter.is_armed, "{:?}", flight.said);
-}
-
-#[test]
 fn a_report_has_the_accuracy_and_the_energy_that_the_vehicle_tells() {
     let scenario = scenario("uav.battery.capacity_j = 4e5\nbase.radius_m = 5.0\n");
     let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
@@ -217,14 +179,6 @@ fn a_report_has_the_accuracy_and_the_energy_that_the_vehicle_tells() {
     assert_eq!(report.covariance_m2, [0.25, 0.0, 0.0, 0.25, 0.0, 9.0]);
     let told_j = 4e5 * flight.copter.battery;
     assert!((report.energy_j - told_j).abs() < 4e5 / 1200.0 && told_j < 4e5, "{report:?}"); // told every second
-}
-
-#[test]
-fn an_accepted_take_off_is_not_ordered_again_while_motors_spool_up() {
-    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
-    flight.says_on_ground_until_s = 7.5;
-    flight.until(60.0, |flight| flight.bridge.has_begun());
-    assert_eq!(flight.take_offs, 1);
 }
 
 #[test]
@@ -242,19 +196,6 @@ fn a_position_far_from_the_field_is_ignored() {
     flight.step();
     let lines = flight.said.iter().filter(|line| line.contains("is not believed to be at 0, 0.001"));
     assert_eq!(lines.count(), 1, "{:?}", flight.said);
-}
-
-#[test]
-fn a_pilot_who_takes_over_in_the_climb_keeps_the_vehicle() {
-    for autopilot in [AutopilotKind::ArduPilot, AutopilotKind::Px4] {
-        let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
-        flight.is_a(autopilot);
-        flight.until(60.0, |flight| flight.copter.body.position_m.z > 10.0);
-        flight.copter.mode = CopterMode::Stabilize;
-        flight.until(10.0, |flight| flight.said.iter().any(|line| line.contains("is taken over")));
-        flight.advance(20.0);
-        assert_eq!(flight.copter.mode, CopterMode::Stabilize, "{autopilot:?}: {:?}", flight.said);
-    }
 }
 
 #[test]
@@ -279,11 +220,11 @@ fn without_a_link_slots_report_the_last_position_as_holds() {
     assert_eq!(report.refused, 0, "nothing was wrong with the plan");
     assert!((report.position() - before.position()).norm() < 0.5, "{report:?}");
     flight.advance(10.0);
-    assert_eq!(flight.copter.mode, CopterMode::Return, "by its dead-man switch");
+    assert_eq!(flight.copter.mode, CopterMode::Return, "by its GCS failsafe");
     flight.loss = 0.0;
     let report = flight.fly_slot(3, Some(plan(50.0, 62.0)));
     assert_eq!(report.mode, Mode::Return as u32);
-    assert!(flight.said.iter().any(|line| line.contains("is taken over")), "{:?}", flight.said);
+    assert!(flight.said.iter().any(|line| line.contains("is overridden")), "{:?}", flight.said);
 }
 
 #[test]
@@ -292,11 +233,11 @@ fn a_vehicle_is_homebound_once_it_says_so_and_has_landed_once_it_is_disarmed() {
     assert!(!flight.bridge.is_homebound() && !flight.bridge.has_landed());
     flight.until(60.0, |flight| flight.bridge.has_begun());
     assert!(!flight.bridge.is_homebound() && !flight.bridge.has_landed());
-    flight.loss = 1.0; // the order does not arrive
-    flight.bridge.return_home("the test is over", flight.now_s);
+    flight.lost = Order::Return.command(); // the order does not arrive
+    flight.bridge.return_home("the test is over");
     flight.advance(3.0);
     assert!(!flight.bridge.is_homebound(), "nobody has confirmed it");
-    flight.loss = 0.0;
+    flight.lost = None;
     flight.until(10.0, |flight| flight.bridge.is_homebound());
     assert!(flight.copter.mode == CopterMode::Return && !flight.bridge.has_landed());
     flight.until(120.0, |flight| flight.bridge.has_landed());
@@ -333,7 +274,7 @@ fn lost_and_late_answers_refuse_no_waypoint_but_their_own() {
         }
         let (report, said) = plan_of(13, false);
         assert!((report.y_m - 61.0).abs() < REACHED_M, "seed {seed}: {report:?}, {said:?}");
-        assert!(!said.iter().any(|line| line.contains("is taken over")), "seed {seed}: {said:?}");
+        assert!(!said.iter().any(|line| line.contains("is overridden")), "seed {seed}: {said:?}");
     }
 }
 
@@ -364,19 +305,19 @@ proptest! {
 
     #[test]
     fn a_mission_with_message_losses_ends_on_the_ground(
-        seed in 0u64..1_000, loss in 0.0..0.4, refuse_arming in 0u32..5, lag in 0.0..0.3, kill in any::<bool>(),
+        seed in 0u64..1_000, loss in 0.0..0.3, lag in 0.0..0.3, kill in any::<bool>(),
         autopilot in prop::sample::select(vec![AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other]),
     ) {
-        let options = KinematicOptions { seed, refuse_arming, lag, ..KinematicOptions::default() };
+        let options = KinematicOptions { seed, lag, ..options_of(autopilot) };
         let mut flight = ClosedLoop::new(&options, loss);
-        flight.is_a(autopilot);
-        flight.until(180.0, |flight| flight.bridge.has_begun());
+        flight.autopilot = autopilot;
+        flight.until(400.0, |flight| flight.bridge.has_begun() || flight.bridge.check_flyable().is_err());
+        prop_assume!(flight.bridge.has_begun()); // its only command to arm, or its answer, may be lost
         for slot in 1..=4 {
             let _ = flight.fly_slot(slot, Some(plan(50.0 + 3.0 * slot as f64, 60.0)));
         }
         flight.is_bridge_alive = !kill;
-        let now_s = flight.now_s;
-        flight.bridge.return_home("the test is over", now_s);
+        flight.bridge.return_home("the test is over");
         flight.until(180.0, |flight| !flight.copter.is_armed);
         prop_assert!(flight.copter.body.position_m.norm() < 1.0, "at home: {:?}", flight.copter);
         if !kill {
@@ -385,12 +326,50 @@ proptest! {
     }
 
     #[test]
-    fn a_vehicle_taken_over_by_a_pilot_gets_no_more_orders(seed in 0u64..100, loss in 0.0..0.3) {
+    fn a_vehicle_overridden_by_a_pilot_gets_no_more_orders(seed in 0u64..100, loss in 0.0..0.3) {
         let mut flight = ClosedLoop::new(&KinematicOptions { seed, ..KinematicOptions::default() }, loss);
-        flight.until(120.0, |flight| flight.bridge.has_begun());
-        flight.copter.obey(Given::Mode(0));
-        flight.until(20.0, |flight| flight.said.iter().any(|line| line.contains("is taken over")));
+        flight.until(400.0, |flight| flight.bridge.has_begun() || flight.bridge.check_flyable().is_err());
+        prop_assume!(flight.bridge.has_begun());
+        let _ = flight.copter.change_to(CopterMode::Stabilize);
+        flight.until(40.0, |flight| flight.said.iter().any(|line| line.contains("is overridden")));
         let _ = flight.fly_slot(1, Some(plan(50.0, 62.0)));
         prop_assert_eq!(flight.copter.mode, CopterMode::Stabilize, "{:?}", flight.copter);
     }
+}
+
+#[test]
+fn a_command_to_arm_that_is_refused_ends_the_start_with_a_line() {
+    let options = KinematicOptions { refuse_arming: 1, ..KinematicOptions::default() };
+    let mut flight = ClosedLoop::new(&options, 0.0);
+    flight.until(30.0, |flight| flight.bridge.has_landed());
+    assert_eq!(count(&flight, "is not flown: it refuses to be armed: MAVLink result 4"), 1, "{:?}", flight.said);
+    let why = flight.bridge.check_flyable().unwrap_err().why.to_string();
+    assert!(why.starts_with("its mission was over before it began: it refuses to be armed"), "{why}");
+}
+
+#[test]
+fn the_own_checks_of_a_vehicle_are_waited_for() {
+    let mut flight = ClosedLoop::new(&KinematicOptions { ready_after: 20.0, ..KinematicOptions::default() }, 0.0);
+    flight.advance(19.0);
+    assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+    assert!(count(&flight, "waiting for it to pass its own checks before arming") > 0, "{:?}", flight.said);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+}
+
+#[test]
+fn an_unknown_autopilot_needs_names_for_its_modes() {
+    let mut named = flight_over(AutopilotKind::Other);
+    named.until(90.0, |flight| flight.bridge.has_begun());
+    let mut flight = flight_over(AutopilotKind::Other);
+    let reports = flight.reports.clone();
+    let frame = skysink_vehicle::frame::AreaFrame::at(crate::flight::HOME);
+    let own = [skysink_vehicle::bridge::OwnSide { system: 255, ..Default::default() }];
+    let first = skysink_vehicle::bridge::Beginning::First;
+    flight.bridge = skysink_vehicle::bridge::Bridge::new(&scenario(""), &[], frame, &reports, first, &[], &own);
+    flight.advance(3.0);
+    let why = flight.refusal.unwrap().why.to_string();
+    assert!(
+        why.starts_with("its autopilot is not known: expected ArduPilot or PX4, or ?modes=follow:N,return:N"),
+        "{why}"
+    );
 }

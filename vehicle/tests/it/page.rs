@@ -1,0 +1,4 @@
+//! The page has the table of the code.
+
+#[test]
+fn nothing() {}
