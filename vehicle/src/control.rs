@@ -3,6 +3,8 @@
 //! Messages in, orders out. The clock is passed in, in seconds of the vehicle. What is ordered, and when, is decided in
 //! [`crate::table`] alone.
 
+mod lines;
+
 use nalgebra::Point3;
 use skysink_common::geometry::above;
 use skysink_flight_sim::outside::REACHED_M;
@@ -13,7 +15,7 @@ use crate::outbox::Outbox;
 use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::said::Said;
 use crate::state::{Arrivals, VehicleState};
-use crate::table::{Checks, Command, Control, Ending, Failsafe, Height, Input, Left, Line, State, step};
+use crate::table::{Checks, Command, Height, Input, State, step};
 use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, TEMPORARILY_REJECTED, Telemetry, UNSUPPORTED};
 
 /// Time after which positions far from the first one are believed before take-off: that one was wrong [s].
@@ -30,10 +32,6 @@ const HOVER_MPS: f64 = 0.5;
 
 /// Time without a mode after which a vehicle gets no heartbeats until it is heard [s].
 const UNHEARD_S: f64 = 10.0;
-
-/// Time after which it is said what a vehicle does not do [s], and that something is missing before take-off.
-const SAID_S: f64 = 10.0;
-const MISSING_S: f64 = 2.0;
 
 /// Time between two calls of a vehicle that was never heard, longer than any GCS failsafe waits (PX4: up to 300 s), and how
 /// long one takes [s].
@@ -111,22 +109,6 @@ impl VehicleControl {
             home_m,
             end: String::new(),
             said: Said::default(),
-        }
-    }
-
-    /// Says how it goes on from the state in which the bridge before, or the run before, has saved it.
-    pub fn say_restored(&mut self, saved: State) {
-        match self.state {
-            State::Check { .. } => {}
-            State::Fly { .. } => {
-                self.said.say("is flown on as soon as it reports the mode that follows commands".to_owned())
-            }
-            State::HandsOff => self.end_with("it was flown by others before this bridge began", "is left alone"),
-            State::Silent if saved != State::Silent => self.say_line(Line::Silent(Left::Restarted)),
-            State::Silent => {
-                self.end_with("it was left to its GCS failsafe before this bridge began", "gets no heartbeats")
-            }
-            _ => self.end_with("its mission was over before this bridge began", "stays down"),
         }
     }
 
@@ -257,11 +239,6 @@ impl VehicleControl {
         }
     }
 
-    fn end_with(&mut self, why: &str, what: &str) {
-        self.said.say(format!("{what}: {why}"));
-        why.clone_into(&mut self.end);
-    }
-
     /// Advances to `now_s` [s], by one step of the table; adds the orders that are due to `orders`. Whether `are_all_checked`
     /// is the same for all vehicles. Returns why it has ended before it was armed, if that is new.
     pub fn poll(&mut self, now_s: f64, are_all_checked: bool, orders: &mut Vec<Order>) -> Option<PreflightRefusal> {
@@ -355,139 +332,6 @@ impl VehicleControl {
         orders.push(order);
     }
 
-    /// Says what a transition means, and keeps why the mission ends.
-    fn say_line(&mut self, line: Line) {
-        let mode = self.vehicle.mode_name();
-        let what = match line {
-            Line::Arming => {
-                let findings = self.preflight.findings(&self.vehicle);
-                findings.into_iter().for_each(|line| self.said.say(line));
-                return self.said.say("is checked: arming".to_owned());
-            }
-            Line::HasTakenOff => {
-                let at_m = self.position().map_or(0.0, |position| position.z);
-                return self.said.say(format!("has taken off to {at_m:.1} m"));
-            }
-            Line::FliesOn => return self.said.say("is in the air: flying on".to_owned()),
-            Line::IsAtStart => return self.said.say("hovers at its start".to_owned()),
-            Line::Returns(_) => "returns",
-            Line::HandsOff(_) => "is overridden",
-            Line::Silent(_) => "is left to its GCS failsafe",
-            Line::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
-            Line::Done(Ending::Over | Ending::ChecksFailed | Ending::ArmingRefused | Ending::ArmingLost) => {
-                "is not flown"
-            }
-            Line::Done(Ending::NoTakeOff) => "stays on the ground",
-            Line::Done(_) if self.end.is_empty() => "its mission is over",
-            Line::Done(_) => return self.said.say("is on the ground, disarmed".to_owned()),
-        };
-        let why = match line {
-            Line::Returns(Ending::NoClimb) => "it does not reach its altitude within two minutes".to_owned(),
-            Line::Returns(Ending::NoStart) => "it does not reach its start within ten minutes".to_owned(),
-            Line::HandsOff(Control::Armed) => format!(
-                "it is armed ({mode}), by somebody else or by an earlier run: expected it on the ground, disarmed"
-            ),
-            Line::HandsOff(Control::Mode) => format!("its mode changed to {mode}"),
-            Line::HandsOff(Control::Return) => {
-                format!("it returns or lands by itself ({mode}): a failsafe, or a pilot")
-            }
-            Line::HandsOff(Control::ReturnStopped) => format!("its return was stopped ({mode})"),
-            Line::Silent(Left::NoReturn) => "it does not return within half a minute".to_owned(),
-            Line::Silent(Left::Restarted) => {
-                "the bridge was restarted between its command to arm and its mission, or in its return".to_owned()
-            }
-            Line::Done(Ending::ChecksFailed) => self.preflight.missing.clone(),
-            Line::Done(Ending::ArmingRefused) => {
-                format!("it refuses to be armed: MAVLink result {}", self.outbox.result().unwrap_or_default())
-            }
-            Line::Done(Ending::ArmingLost) => "it is not armed 13 s after the command".to_owned(),
-            Line::Done(Ending::NoTakeOff) => "it does not take off within two minutes".to_owned(),
-            Line::Done(Ending::Disarmed) => "it has disarmed".to_owned(),
-            _ => self.end.clone(),
-        };
-        let more = match line {
-            Line::HandsOff(_) => {
-                ". The bridge gives it no more commands in this run, which goes on until it has landed; Ctrl-C ends the run, \
-                 and with it the heartbeats for which its GCS failsafe waits"
-            }
-            Line::Silent(_) => ". The bridge gives it no commands and no heartbeats",
-            _ => "",
-        };
-        self.said.say(format!("{what}: {why}{more}"));
-        if !matches!(line, Line::Returns(Ending::Over) | Line::Done(Ending::Over)) {
-            self.end = why;
-        }
-    }
-
-    /// Says what a vehicle does not do, does not say, or is waited for, while that lasts.
-    fn say_what_lasts(&mut self, input: &Input, now_s: f64) {
-        let is_lost = self.vehicle.is_lost(now_s);
-        let is_in_flight = matches!(self.state, State::Climb | State::Fly { .. });
-        let is_blind = is_in_flight && !is_lost && self.vehicle.fix().is_some() && !self.vehicle.has_current_fix(now_s);
-        let is_on_ground = input.height == Height::Ground;
-        let is_off = matches!(self.state, State::Home { .. } | State::Done);
-        let does_not_agree = self.state.is_flown() && input.believed.is_none() && !is_lost && self.is_heard(now_s);
-        let lost = match self.hearing.arrivals.silence_s(now_s) {
-            Some(silence_s) if silence_s < RETRY_S => "does not say its mode any more, for 3 s",
-            _ => "is not heard any more, for 3 s",
-        };
-        let lines: [(&'static str, bool, f64, String); 7] = [
-            ("lost", is_lost && self.state != State::Done, 0.0, lost.to_owned()),
-            ("blind", is_blind, 0.0, "does not say where it is any more: it gets no waypoints meanwhile".to_owned()),
-            (
-                "failsafe",
-                is_in_flight && input.failsafe != Failsafe::Off,
-                0.0,
-                "says that a failsafe of it acts: it gets no waypoints meanwhile".to_owned(),
-            ),
-            (
-                "doubt",
-                does_not_agree,
-                SAID_S,
-                "its reports of mode and arming do not agree: it gets no commands".to_owned(),
-            ),
-            ("stands", is_off && input.says_armed && is_on_ground, SAID_S, "stands on the ground, armed".to_owned()),
-            (
-                "armed",
-                self.state == State::Done && input.says_armed && !is_on_ground,
-                MISSING_S,
-                "is armed and in the air, though its mission is over: it gets no commands".to_owned(),
-            ),
-            ("progress", self.progress(input).is_some(), SAID_S, self.progress(input).unwrap_or_default()),
-        ];
-        for (matter, is_so, after_s, line) in lines {
-            let has_ended = self.said.say_while(matter, is_so.then_some(line), after_s, now_s);
-            if has_ended && matter == "lost" {
-                self.said.say("is heard again".to_owned());
-            }
-        }
-        let missing = matches!(self.state, State::Check { .. }).then(|| match input.checks {
-            Checks::Hold if input.believed.is_none() => "waiting for it to report the same twice in a row".to_owned(),
-            Checks::Hold => "is checked, and waits for the others".to_owned(),
-            _ => format!("waiting for it {}", self.preflight.missing),
-        });
-        self.said.say_while("missing", missing, MISSING_S, now_s);
-    }
-
-    /// How far it is from where it has to be, for people; `None` if it is there, or on its way in a slot.
-    fn progress(&self, input: &Input) -> Option<String> {
-        let position = self.position()?;
-        match self.state {
-            State::Climb => Some(format!("climbs: at {:.1} m of {:.1} m", position.z, self.assignment.start.z)),
-            State::Fly { has_begun: false } => {
-                let away_m = (position - self.assignment.start).norm();
-                Some(format!("is on its way to its start, {away_m:.1} m away: expected to hover within {REACHED_M} m"))
-            }
-            State::Fly { has_begun: true } if input.failsafe == Failsafe::Off => {
-                let away_m = self.waypoint.map(|waypoint| (position - waypoint.at).norm())?;
-                let stands = self.vehicle.speed_mps().is_some_and(|speed_mps| speed_mps <= HOVER_MPS);
-                (stands && away_m > REACHED_M)
-                    .then(|| format!("does not follow: it stands {away_m:.1} m from its waypoint"))
-            }
-            _ => None,
-        }
-    }
-
     fn hovers_at_start(&self, now_s: f64) -> bool {
         let is_near = self.position().is_some_and(|at| (at - self.assignment.start).norm() <= REACHED_M);
         let is_slow = self.vehicle.speed_mps().is_some_and(|speed_mps| speed_mps <= HOVER_MPS);
@@ -531,8 +375,7 @@ impl VehicleControl {
 
     /// Whether the checks before take-off hold, or are over.
     pub fn is_checked(&self) -> bool {
-        !matches!(self.state, State::Check { may_fly_on: false })
-            || self.preflight.missing.is_empty() && self.vehicle.autopilot.is_some()
+        self.preflight.holds || self.state != State::Check { may_fly_on: false }
     }
 
     /// Whether the bridge has commanded it to arm, or the one before.

@@ -96,31 +96,77 @@ pub fn run<S: Service + 'static>(
 /// The last slots flown, with their flights.
 type Flown = [(u64, ByUav<FlightReport>)];
 
-/// The bridge with its links and its clock.
-struct BridgeProcess<S: Service + 'static> {
-    bridge: Bridge,
-    /// Most elements of `links`.
-    most_links: usize,
-    link: Link,
-    wait: WaitContext,
-    /// Notified with `plan`.
-    listener: Listener<S>,
-    /// When the process began, on the clock of [`boot_ns`]: time goes on for a vehicle while this machine is suspended.
+/// The time of the vehicles, on the clock of [`boot_ns`]: it goes on while this machine is suspended.
+#[derive(Debug, Clone, Copy)]
+struct VehicleClock {
     begin_ns: u64,
     /// Seconds of the vehicles in a second.
     factor: f64,
-    heartbeat_s: f64,
+}
+
+impl VehicleClock {
+    /// Time since the start of the process [s], of this machine.
+    fn elapsed_s(&self) -> f64 {
+        Duration::from_nanos(boot_ns() - self.begin_ns).as_secs_f64()
+    }
+
+    /// The same of the vehicles.
+    fn now_s(&self) -> f64 {
+        self.elapsed_s() * self.factor
+    }
+}
+
+/// Whether messages may have waited while the bridge was suspended, on the clock of [`boot_ns`].
+#[derive(Debug, Clone, Copy)]
+struct Attention {
+    /// When messages were taken in last [ns].
+    polled_ns: u64,
+    /// Until when they may have waited [ns].
+    stale_until_ns: u64,
+}
+
+impl Attention {
+    /// Notes that messages are taken in now. Returns how long the bridge was suspended before, if it was.
+    fn poll(&mut self) -> Option<Duration> {
+        let before_ns = std::mem::replace(&mut self.polled_ns, boot_ns());
+        let suspended = Some(Duration::from_nanos(self.polled_ns - before_ns)).filter(|pause| *pause > STALE);
+        if suspended.is_some() {
+            self.stale_until_ns = self.polled_ns + SETTLED.as_nanos() as u64;
+        }
+        suspended
+    }
+
+    fn is_stale(&self) -> bool {
+        self.polled_ns < self.stale_until_ns
+    }
+}
+
+/// How slots go by.
+#[derive(Debug)]
+struct SlotFlow {
     /// Wall time of a slot.
     period: Duration,
-    /// Whether it has flown a slot.
+    /// Whether one was flown.
     has_flown: bool,
     /// Whether the other processes have the same clock.
     is_local: bool,
     latencies: OrderLatencies,
-    /// When messages were taken in last, and until when they may have waited while the bridge was suspended, on that
-    /// clock.
-    polled_ns: u64,
-    stale_until_ns: u64,
+    /// Most elements of `links`.
+    most_links: usize,
+}
+
+/// The bridge with its links and its clock.
+struct BridgeProcess<S: Service + 'static> {
+    bridge: Bridge,
+    link: Link,
+    wait: WaitContext,
+    /// Notified with `plan`.
+    listener: Listener<S>,
+    clock: VehicleClock,
+    attention: Attention,
+    /// When the next heartbeat is due, in seconds of the vehicles [s].
+    heartbeat_s: f64,
+    slots: SlotFlow,
     /// What is known of the vehicles, for the bridge after this one.
     saved: SavedVehicles,
     /// Of the vehicles, for people.
@@ -173,19 +219,19 @@ impl<S: Service + 'static> BridgeProcess<S> {
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
         Ok(Self {
             bridge,
-            most_links: uavs * nodes.payload().len(),
             link,
             wait,
             listener: ring.plan.listener()?,
-            begin_ns: boot_ns(),
-            factor,
+            clock: VehicleClock { begin_ns: boot_ns(), factor },
+            attention: Attention { polled_ns: boot_ns(), stale_until_ns: 0 },
             heartbeat_s: 0.0,
-            period,
-            has_flown: false,
-            is_local: ring.terms.link.is_none(),
-            latencies: OrderLatencies::default(),
-            polled_ns: boot_ns(),
-            stale_until_ns: 0,
+            slots: SlotFlow {
+                period,
+                has_flown: false,
+                is_local: ring.terms.link.is_none(),
+                latencies: OrderLatencies::default(),
+                most_links: uavs * nodes.payload().len(),
+            },
             saved,
             addresses: list(addresses),
         })
@@ -201,7 +247,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         is_new: bool,
     ) -> Result<(), NodeError> {
         let flights = ring.flight.list_writer(scenario.uav.uavs())?;
-        let links = ring.links.as_ref().map(|links| links.list_writer(self.most_links)).transpose()?;
+        let links = ring.links.as_ref().map(|links| links.list_writer(self.slots.most_links)).transpose()?;
         let publish = |bridge: &Bridge, slot: u64, reports: &[FlightReport]| {
             if let Some(links) = &links {
                 links.send_list(ring.header(slot, 0), &bridge.heard_links(slot, reports))?; // before the flights, as flight-sim
@@ -216,7 +262,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             self.poll()?;
             self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
             let may_be_in_air = (0..self.bridge.uavs()).any(|uav| self.bridge.control(uav).is_committed());
-            if !may_be_in_air || self.bridge.is_heard(self.now_s()) {
+            if !may_be_in_air || self.bridge.is_heard(self.clock.now_s()) {
                 heard = Instant::now();
             } else if heard.elapsed() > UNHEARD {
                 let message =
@@ -234,13 +280,18 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         for slot in last + 1..=scenario.slots {
             self.fly_slot(slot, &mut ticks, &mut plans)?;
-            let now_s = self.now_s();
+            let now_s = self.clock.now_s();
             self.bridge.end(slot, &mut reports, now_s);
             journal.save(slot, &[], &reports)?; // before they are published
             publish(&self.bridge, slot, &reports)?;
         }
         self.bridge.return_home("the mission is over");
-        self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
+        self.bridge
+            .ends
+            .said()
+            .into_iter()
+            .chain(self.slots.latencies.said())
+            .for_each(|line| Role::FlightSim.log(line));
         self.wait_for_release(ring)
     }
 
@@ -252,7 +303,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         plans: &mut Reader<S, [Plan], SlotHeader>,
     ) -> Result<(), NodeError> {
         self.bridge.await_plan();
-        let ahead = self.period.mul_f64(AHEAD).min(FARTHEST_AHEAD);
+        let ahead = self.slots.period.mul_f64(AHEAD).min(FARTHEST_AHEAD);
         let mut begin_ns = None;
         let mut is_planned = false;
         loop {
@@ -261,24 +312,24 @@ impl<S: Service + 'static> BridgeProcess<S> {
             }
             let elapsed = begin_ns.map(|begin_ns| Duration::from_nanos(monotonic_ns().saturating_sub(begin_ns)));
             let may_fly = match elapsed {
-                Some(elapsed) => elapsed < self.period.mul_f64(LATE),
-                None => self.has_flown, // the plan that follows the last slot is for now
+                Some(elapsed) => elapsed < self.slots.period.mul_f64(LATE),
+                None => self.slots.has_flown, // the plan that follows the last slot is for now
             };
             if !is_planned
                 && may_fly
                 && let Some(plan) = plans.poll_slot(slot)?.available()
             {
                 is_planned = true;
-                let now_s = self.now_s();
+                let now_s = self.clock.now_s();
                 self.bridge.fly(&plan, now_s);
                 self.poll()?;
                 // The first plan has waited for its slot to begin, or for this process to be restarted.
-                if self.has_flown && self.is_local {
-                    self.latencies.add(plan.user_header().sent_ns, monotonic_ns());
+                if self.slots.has_flown && self.slots.is_local {
+                    self.slots.latencies.add(plan.user_header().sent_ns, monotonic_ns());
                 }
             }
-            if elapsed.is_some_and(|elapsed| elapsed + ahead >= self.period) {
-                self.has_flown = true;
+            if elapsed.is_some_and(|elapsed| elapsed + ahead >= self.slots.period) {
+                self.slots.has_flown = true;
                 return Ok(());
             }
             self.poll()?;
@@ -290,8 +341,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
     fn poll_begin(&mut self, slot: u64, ticks: &mut Reader<S, Tick, SlotHeader>) -> Result<Option<u64>, NodeError> {
         let Some(tick) = ticks.poll_slot(slot)?.available() else { return Ok(None) };
         let now_ns = monotonic_ns();
-        let begin_ns = if self.is_local { tick.user_header().sent_ns.min(now_ns) } else { now_ns };
-        self.bridge.begin(slot, (now_ns - begin_ns) as f64 / 1e9 * self.factor);
+        let begin_ns = if self.slots.is_local { tick.user_header().sent_ns.min(now_ns) } else { now_ns };
+        self.bridge.begin(slot, (now_ns - begin_ns) as f64 / 1e9 * self.clock.factor);
         Ok(Some(begin_ns))
     }
 
@@ -305,23 +356,21 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Chooses the vehicles, or says which must not be flown, and why.
     fn choose(&mut self) -> Result<(), (usize, String)> {
-        let (now_s, bridge) = (self.now_s(), &self.bridge);
+        let (now_s, bridge) = (self.clock.now_s(), &self.bridge);
         let is_committed = |uav| bridge.control(uav).is_committed();
         self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix))
     }
 
     /// Takes in what the chosen vehicles say, and sends what is due once the states are saved.
     fn exchange(&mut self) -> Result<(), NodeError> {
-        let now_s = self.now_s();
+        let now_s = self.clock.now_s();
         self.link.begin_poll();
-        let last_ns = std::mem::replace(&mut self.polled_ns, boot_ns());
-        let suspended = Duration::from_nanos(self.polled_ns - last_ns);
-        if suspended > STALE {
-            Role::FlightSim.log(format_args!("the bridge was suspended for {:.1} s", suspended.as_secs_f64()));
-            self.bridge.note_suspension(suspended.as_secs_f64() * self.factor);
-            self.stale_until_ns = self.polled_ns + SETTLED.as_nanos() as u64;
+        if let Some(suspended) = self.attention.poll() {
+            let suspended_s = suspended.as_secs_f64();
+            Role::FlightSim.log(format_args!("the bridge was suspended for {suspended_s:.1} s"));
+            self.bridge.note_suspension(suspended_s * self.clock.factor);
         }
-        let is_stale = self.polled_ns < self.stale_until_ns;
+        let is_stale = self.attention.is_stale();
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
             if !is_stale {
                 self.bridge.hear(uav, &telemetry, now_s);
@@ -362,15 +411,6 @@ impl<S: Service + 'static> BridgeProcess<S> {
         self.wait.sleep_until(Instant::now()) // ends on a stop or with the launcher
     }
 
-    /// The time of the vehicles since the start of the process [s].
-    fn now_s(&self) -> f64 {
-        self.elapsed().as_secs_f64() * self.factor
-    }
-
-    fn elapsed(&self) -> Duration {
-        Duration::from_nanos(boot_ns() - self.begin_ns)
-    }
-
     /// Waits for the final commit, while the vehicles return.
     fn wait_for_release(&mut self, ring: &Ring<S>) -> Result<(), NodeError> {
         let mut commits = ring.commit.reader()?;
@@ -393,7 +433,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut heard = Instant::now();
         while !self.bridge.has_landed() {
             self.poll()?;
-            if self.bridge.is_heard(self.now_s()) {
+            if self.bridge.is_heard(self.clock.now_s()) {
                 heard = Instant::now();
             } else if heard.elapsed() > UNHEARD {
                 Role::FlightSim.log("no vehicle that may be in the air is heard any more: the run ends");
@@ -436,7 +476,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Says which vehicles were waited for until now, where, and for what.
     fn say_awaited(&self) {
-        let seconds = self.elapsed().as_secs_f64();
+        let seconds = self.clock.elapsed_s();
         for uav in 0..self.bridge.uavs() {
             let number = uav + 1;
             if let Some(address) = self.link.awaited_at(uav) {

@@ -62,6 +62,8 @@ pub struct Preflight {
     told_s: Option<f64>,
     /// Why the checks do not hold, in words after "waiting for it", or of the refusal; empty if they hold.
     pub missing: String,
+    /// Whether they held when they were made last.
+    pub holds: bool,
 }
 
 impl Preflight {
@@ -90,6 +92,7 @@ impl Preflight {
             Ok(Some(_)) => Checks::Wait,
             Ok(None) => Checks::Hold,
         };
+        self.holds = checks == Checks::Hold;
         self.missing = checked.unwrap_or_else(|PreflightRefusal(why)| Some(why)).unwrap_or_default();
         checks
     }
