@@ -1,8 +1,12 @@
 """A vehicle whose MAVLink side is MAVSDK's, for `skysink run --vehicle`; its motion is a trapezoidal speed profile.
 
     pip install mavsdk
-    python3 examples/mavsdk_vehicle.py [--speed-factor 5] [--connect udpout://127.0.0.1:14540]
-    skysink run FIELD.toml --pace realtime --vehicle 'udpin:127.0.0.1:14540?system=1'  # MAVSDK gives it no type
+    python3 examples/mavsdk_vehicle.py [--speed-factor 2] [--connect udpout://127.0.0.1:14540]
+    skysink run FIELD.toml --pace realtime \\
+        --vehicle 'udpin:127.0.0.1:14540?system=1&modes=follow:50593792,follow:33816576,return:84148224'
+
+MAVSDK gives it no type and an autopilot of its own: the address names the system, and the numbers of Hold, Takeoff and Return.
+It sends a heartbeat in a second of the clock, so that a vehicle that is more than twice as fast is silent for too long.
 
 MAVSDK answers arming, take-off, changes of mode and parameters as it does for a ground station, and encodes the telemetry. It
 has no answer to repositions, speeds and returns: these commands are taken from its MavlinkDirectServer and answered here.
@@ -78,7 +82,7 @@ class Side:
     """The vehicle's side of MAVLink."""
 
     def __init__(self, vehicle, component):
-        self.vehicle, self.was_armed = vehicle, False
+        self.vehicle, self.was_armed, self.takes_off = vehicle, False, False
         self.telemetry = TelemetryServer(component)
         self.action = ActionServer(component)
         self.direct = MavlinkDirectServer(component)
@@ -121,6 +125,7 @@ class Side:
                 return DENIED
             vehicle.target = [vehicle.at[0], vehicle.at[1], float(fields["param7"])]
             self.action.set_flight_mode_internal(FlightMode.TAKEOFF)
+            self.takes_off = True  # which ends in Hold, as PX4's
         elif command == RETURN:
             vehicle.returns = True
             self.action.set_flight_mode_internal(FlightMode.RETURN_TO_LAUNCH)
@@ -129,7 +134,6 @@ class Side:
         else:
             up = float(fields["z"]) - (HOME_M if fields["frame"] == GLOBAL else 0.0)
             vehicle.target = vehicle.local(fields["x"] / 1e7, fields["y"] / 1e7) + [up]
-            self.action.set_flight_mode_internal(FlightMode.HOLD)
         return ACCEPTED
 
     def publish(self):
@@ -138,6 +142,9 @@ class Side:
         east, north, up = vehicle.velocity
         position = Position(lat, lon, HOME_M + vehicle.at[2], vehicle.at[2])
         self.telemetry.publish_position(position, VelocityNed(north, east, -up), Heading(0.0))
+        if self.takes_off and not vehicle.returns and abs(vehicle.target[2] - vehicle.at[2]) < 0.3:
+            self.takes_off = False
+            self.action.set_flight_mode_internal(FlightMode.HOLD)
 
     def publish_slowly(self):
         in_air = self.vehicle.target is not None

@@ -112,7 +112,8 @@ impl Preflight {
         if autopilot == AutopilotKind::Other && !names_both {
             let expected = "expected ArduPilot or PX4, or ?modes=follow:N,return:N with the numbers of its modes behind the \
                             address";
-            return refuse(format!("its autopilot is not known: {expected}"));
+            let mode = vehicle.mode_name();
+            return refuse(format!("its autopilot is not known, and is in {mode}: {expected}"));
         }
         let parameter = self.check_parameters(autopilot, assignment.own_system, now_s, orders)?;
         let Some(position) = position else { return wait("to know its position") };

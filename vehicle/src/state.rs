@@ -160,6 +160,7 @@ impl VehicleState {
                 self.autopilot = Some(autopilot);
                 self.failsafe_s = is_critical.then(|| self.failsafe_s.unwrap_or(now_s));
                 self.mode = Some(mode);
+                self.streams.modes += 1;
                 self.belief.hear(Report { mode: named.meaning(autopilot, mode), is_armed }, now_s);
             }
             Telemetry::Mode(mode) => {
@@ -187,7 +188,8 @@ impl VehicleState {
     }
 
     /// The requests for all messages, if no positions come, or no report of the battery, and up to a few times if they or
-    /// reports of the mode come more rarely than they should. ArduPilot does not send its accuracy.
+    /// reports of the mode come more rarely than they should. ArduPilot sends neither its accuracy nor, up to 4.6, its mode
+    /// alone.
     pub fn requests(&mut self, now_s: f64) -> impl Iterator<Item = Order> + use<> {
         let Self { autopilot, streams, power, .. } = self;
         let is_due = autopilot.is_some() && now_s >= streams.due_s;
@@ -202,7 +204,9 @@ impl VehicleState {
             *streams = Streams { requests: streams.requests, due_s: now_s + STREAMS_S, ..Streams::default() };
         }
         let autopilot = *autopilot;
-        let is_sent = move |stream| stream != Stream::Accuracy || autopilot != Some(AutopilotKind::ArduPilot);
+        let is_sent = move |stream| {
+            autopilot != Some(AutopilotKind::ArduPilot) || !matches!(stream, Stream::Accuracy | Stream::Mode)
+        };
         let streams = STREAMS.iter().filter(move |(stream, _)| is_slow && is_sent(*stream));
         streams.map(|&(stream, period_s)| Order::Interval { stream, period_s })
     }
@@ -328,8 +332,8 @@ mod tests {
         hear_some(&mut state, 30, 10, 3.0);
         assert_eq!(state.requests(4.0).count(), 0);
         hear(&mut state, &heartbeat(AutopilotKind::ArduPilot, true), 5.0);
-        let is_accuracy = |order| matches!(order, Order::Interval { stream: Stream::Accuracy, .. });
-        assert!(state.requests(6.0).count() == 6 && !state.requests(8.0).any(is_accuracy));
+        let is_unknown = |order| matches!(order, Order::Interval { stream: Stream::Accuracy | Stream::Mode, .. });
+        assert!(state.requests(6.0).count() == 5 && !state.requests(8.0).any(is_unknown));
     }
 
     #[test]

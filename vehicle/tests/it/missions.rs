@@ -369,7 +369,9 @@ fn an_unknown_autopilot_needs_names_for_its_modes() {
     flight.advance(3.0);
     let why = flight.refusal.unwrap().why.to_string();
     assert!(
-        why.starts_with("its autopilot is not known: expected ArduPilot or PX4, or ?modes=follow:N,return:N"),
+        why.starts_with(
+            "its autopilot is not known, and is in mode 4: expected ArduPilot or PX4, or ?modes=follow:N,return:N"
+        ),
         "{why}"
     );
 }
