@@ -126,7 +126,7 @@ impl RunCommand {
         let recorded = mission.record(&mut log, &mut tally);
         let wall = *recorded.as_ref().unwrap_or(&begin.elapsed());
         let mut summary = tally.summary(wall, log.hash());
-        let left = self.left_to_fly(&ring, tally.last_slot() == scenario.slots && stop.requested().is_some());
+        let left = self.left_to_fly(&folder, tally.last_slot() == scenario.slots && stop.requested().is_some());
         summary.search = skysink_planner::node::counts(&ring).into_iter().map(OperatorUse::from).collect();
         summary.complete &= recorded.is_ok() || left == LeftToFly::Nothing;
         let written = folder.finish(&log, &mut summary).map_err(Error::from);
@@ -138,8 +138,8 @@ impl RunCommand {
 
     /// What is left to fly of a run that ends early, if not all slots `are_recorded`. After the last slot, only a stop
     /// leaves a run as complete as a resumed one.
-    fn left_to_fly(&self, ring: &RingFolder, are_recorded: bool) -> LeftToFly {
-        match (are_recorded, is_overridden(ring)) {
+    fn left_to_fly(&self, run: &RunFolder, are_recorded: bool) -> LeftToFly {
+        match (are_recorded, is_overridden(run)) {
             (true, _) => LeftToFly::Nothing,
             (false, true) => LeftToFly::Overridden,
             (false, false) => LeftToFly::Slots { options: self.options.resume_options() },
@@ -149,13 +149,13 @@ impl RunCommand {
 
 /// Whether others fly a vehicle of the bridge, or none flies any more.
 #[cfg(feature = "mavlink")]
-fn is_overridden(ring: &RingFolder) -> bool {
-    skysink_vehicle::saved::is_over(ring.path())
+fn is_overridden(run: &RunFolder) -> bool {
+    skysink_vehicle::saved::is_over(run.path())
 }
 
 /// Whether others fly a vehicle: there is none.
 #[cfg(not(feature = "mavlink"))]
-fn is_overridden(_: &RingFolder) -> bool {
+fn is_overridden(_: &RunFolder) -> bool {
     false
 }
 

@@ -2,6 +2,8 @@
 //! book's tables, and large fields.
 
 mod anywhere;
+#[cfg(feature = "mavlink")]
+mod autopilots;
 mod crashes;
 mod hostile;
 mod kills;

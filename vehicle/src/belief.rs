@@ -21,6 +21,10 @@ pub struct Belief {
     heard_s: Option<f64>,
     /// Whether a report has come that counts since the last call of [`take_new`](Self::take_new).
     is_new: bool,
+    /// What was believed since then, if that was not an armed vehicle in the mode that follows, and whether any report has
+    /// said that it is armed: several reports may come at once.
+    missed: Option<Report>,
+    said_armed: bool,
 }
 
 impl Belief {
@@ -47,6 +51,9 @@ impl Belief {
         }
         self.heard_s = Some(now_s);
         self.is_new |= weight > 0;
+        self.said_armed |= report.is_armed;
+        let follows = Report { mode: ModeMeaning::Follows, is_armed: true };
+        self.missed = self.missed.or(self.believed().filter(|believed| *believed != follows));
     }
 
     /// The last report, if it is believed.
@@ -62,9 +69,9 @@ impl Belief {
         self.last
     }
 
-    /// How long the last report was not contradicted [s].
-    pub fn stands_for_s(&self, now_s: f64) -> f64 {
-        now_s - self.since_s
+    /// Since when the last report was not contradicted [s].
+    pub fn since_s(&self) -> f64 {
+        self.since_s
     }
 
     /// How long no report has come [s], since time 0 if none ever has.
@@ -72,14 +79,18 @@ impl Belief {
         now_s - self.heard_s.unwrap_or(0.0)
     }
 
-    /// Whether a report has come since the last call.
-    pub fn take_new(&mut self) -> bool {
-        std::mem::take(&mut self.is_new)
+    /// Whether a report has come since the last call, what was believed meanwhile other than that the vehicle follows, and
+    /// whether any report has said that it is armed.
+    pub fn take_new(&mut self) -> (bool, Option<Report>, bool) {
+        let is_armed = self.last.is_some_and(|report| report.is_armed);
+        let said_armed = std::mem::replace(&mut self.said_armed, is_armed);
+        (std::mem::take(&mut self.is_new), self.missed.take(), said_armed)
     }
 
-    /// Believes nothing any more: two new reports have to agree. Until now nobody listened.
-    pub fn doubt(&mut self, now_s: f64) {
-        *self = Self { heard_s: self.heard_s.map(|_| now_s), ..Self::default() };
+    /// Believes nothing any more: two new reports have to agree. How long none has come is not forgotten, unless nobody has
+    /// listened until `heard_s` [s].
+    pub fn doubt(&mut self, heard_s: Option<f64>) {
+        *self = Self { heard_s: heard_s.filter(|_| self.heard_s.is_some()).or(self.heard_s), ..Self::default() };
     }
 }
 
@@ -101,7 +112,7 @@ mod tests {
         let mut belief = Belief::default();
         let heard = [FLIES, FLIES, PILOT, FLIES, FLIES, PILOT, PILOT].map(|report| hear(&mut belief, report, 0.0));
         assert_eq!(heard, [None, Some(FLIES), None, None, Some(FLIES), None, Some(PILOT)]);
-        belief.doubt(1.0);
+        belief.doubt(None);
         assert_eq!([0; 2].map(|_| hear(&mut belief, PILOT, 1.0)), [None, Some(PILOT)]);
     }
 
@@ -115,6 +126,28 @@ mod tests {
         assert_eq!(believed(&[0.1, 0.44]), 0);
         assert_eq!(believed(&[0.0, 0.2, 0.4]), 1, "5 Hz");
         assert_eq!(believed(&[0.0, 1.0]), 1, "1 Hz");
+    }
+
+    #[test]
+    fn what_was_believed_between_two_polls_is_not_missed() {
+        let mut belief = Belief::default();
+        [FLIES, PILOT, PILOT, PILOT, FLIES, FLIES].iter().for_each(|report| belief.hear(*report, 0.0));
+        assert_eq!((belief.believed(), belief.take_new()), (Some(FLIES), (true, Some(PILOT), true)));
+        [(OFF, 1.0), (OFF, 2.0)].iter().for_each(|(report, now_s)| belief.hear(*report, *now_s));
+        assert_eq!(belief.take_new(), (true, Some(OFF), true), "armed before");
+        assert_eq!(belief.take_new(), (false, None, false));
+    }
+
+    #[test]
+    fn a_doubt_does_not_end_a_silence_unless_nobody_listened() {
+        let mut belief = Belief::default();
+        belief.doubt(Some(5.0));
+        assert_eq!(belief.silence_s(6.0), 6.0, "it was never heard");
+        belief.hear(FLIES, 1.0);
+        belief.doubt(None);
+        assert_eq!(belief.silence_s(6.0), 5.0);
+        belief.doubt(Some(5.0));
+        assert_eq!(belief.silence_s(6.0), 1.0);
     }
 
     #[test]
@@ -134,9 +167,9 @@ mod tests {
             belief.hear_mode(ModeMeaning::Other, is_on_ground, 0.0);
             assert_eq!(belief.last(), None, "nobody has said whether it is armed");
             (0..2).for_each(|_| belief.hear(FLIES, 0.0));
-            assert!(belief.take_new() && !belief.take_new());
+            assert!(belief.take_new().0 && !belief.take_new().0);
             (0..2).for_each(|_| belief.hear_mode(ModeMeaning::Other, is_on_ground, 0.5));
-            assert_eq!((belief.believed(), belief.take_new()), ((!is_on_ground).then_some(PILOT), !is_on_ground));
+            assert_eq!((belief.believed(), belief.take_new().0), ((!is_on_ground).then_some(PILOT), !is_on_ground));
             assert_eq!(hear(&mut belief, PILOT, 1.0), (!is_on_ground).then_some(PILOT));
             assert_eq!(hear(&mut belief, PILOT, 2.0), Some(PILOT));
         }

@@ -208,28 +208,28 @@ impl Bridge {
     /// Advances to `now_s` [s]; calls `send` with the orders that are due, and `say` with lines for people.
     ///
     /// # Errors
-    /// If a vehicle must not take off and no other was armed, or others wait for it in vain. The others are advanced all the
-    /// same.
+    /// If a vehicle must not take off and no other flies, or others wait for it in vain. All are advanced all the same.
     pub fn poll(
         &mut self,
         now_s: f64,
         mut send: impl FnMut(usize, &Order),
         mut say: impl FnMut(usize, String),
     ) -> Result<(), VehicleRefusal> {
-        self.check_patience(now_s)?;
+        let mut refused = self.check_patience(now_s).err();
         let are_all_checked = self.members.iter().all(|member| member.control.is_checked());
         let mut orders = Vec::new();
-        let mut refused = None;
+        let keeps_flying = |member: &Member| member.has_begun || member.control.is_flown_by_anybody();
+        let is_another_flown = self.members.iter().any(keeps_flying);
         for (uav, Member { control, has_begun, is_doubtful, .. }) in self.members.iter_mut().enumerate() {
             let why = control.poll(now_s, are_all_checked, &mut orders);
-            refused = refused.or(why.map(|why| VehicleRefusal { number: uav + 1, why }));
+            let is_refused_alone = why.filter(|_| !is_another_flown);
+            refused = refused.or(is_refused_alone.map(|why| VehicleRefusal { number: uav + 1, why }));
             *has_begun |= control.state() == State::Fly { has_begun: true };
             *is_doubtful |= !control.has_current_position(now_s);
             orders.drain(..).for_each(|order| send(uav, &order));
             control.take_said().into_iter().for_each(|line| say(uav, line));
         }
-        let is_another_flown = self.members.iter().any(|member| member.has_begun || member.control.state().is_flown());
-        refused.filter(|_| !is_another_flown).map_or(Ok(()), Err)
+        refused.map_or(Ok(()), Err)
     }
 
     /// Notes that the command to arm the vehicle of this number from 0 was not sent.
@@ -308,7 +308,8 @@ impl Bridge {
     /// If a vehicle waits at its start for another for too long.
     fn check_patience(&mut self, now_s: f64) -> Result<(), VehicleRefusal> {
         let hovers = |member: &Member| member.has_begun && matches!(member.control.state(), State::Fly { .. });
-        if !self.has_begun() && self.members.iter().any(hovers) {
+        let is_over = self.members.iter().any(|member| !member.control.end().is_empty());
+        if !is_over && !self.has_begun() && self.members.iter().any(hovers) {
             let waiting_s = *self.waiting_s.get_or_insert(now_s);
             let mut awaited = (1..).zip(&self.members).filter(|(_, member)| member.is_awaited());
             if let Some((number, _)) = awaited.next().filter(|_| now_s - waiting_s > COMPANY_S) {

@@ -97,6 +97,10 @@ impl VehicleControl {
     pub fn new(assignment: Assignment, state: State, home_m: Option<f64>) -> Self {
         let hearing = Hearing { arrivals: Arrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
         let start = assignment.start;
+        let mut outbox = Outbox::default();
+        if let State::Fly { .. } = state {
+            outbox.send(Order::Speed(assignment.speed_mps), 0.0); // the bridge before may not have had its answer
+        }
         Self {
             vehicle: VehicleState::default(),
             assignment,
@@ -104,7 +108,7 @@ impl VehicleControl {
             preflight: Preflight::default(),
             state,
             since_s: 0.0,
-            outbox: Outbox::default(),
+            outbox,
             waypoint: (state == State::Fly { has_begun: false }).then(|| Waypoint::at(start)),
             home_m,
             end: String::new(),
@@ -115,12 +119,13 @@ impl VehicleControl {
     /// Believes nothing that was heard before: the bridge was stopped meanwhile.
     pub fn doubt(&mut self, now_s: f64) {
         self.hearing.arrivals.note_deafness(now_s);
-        self.vehicle.belief.doubt(now_s);
+        self.vehicle.belief.doubt(Some(now_s));
     }
 
-    /// Notes that the command to arm was not sent.
+    /// Notes that the command to arm was not sent, as the state could not be saved: its start is over.
     pub fn forget_arming(&mut self) {
-        self.state = State::Check { may_fly_on: false };
+        self.state = State::Done;
+        self.end_with("its state cannot be saved", "is not armed");
     }
 
     /// Takes the lines for people that have come up.
@@ -131,7 +136,7 @@ impl VehicleControl {
     /// Takes in a message of the vehicle.
     pub fn hear(&mut self, telemetry: &Telemetry, now_s: f64) {
         if self.hearing.arrivals.hear(now_s) {
-            self.vehicle.belief.doubt(now_s);
+            self.vehicle.belief.doubt(None);
         }
         if self.hearing.arrivals.is_stale(now_s) {
             return; // it has waited in the link
@@ -267,7 +272,11 @@ impl VehicleControl {
         }
         commands.iter().for_each(|command| self.command(*command, now_s, orders));
         self.say_what_lasts(&input, now_s);
-        let was_refused = matches!(before, State::Check { .. }) && !state.is_ours() && !input.is_over;
+        let is_down = input.believed.is_some_and(|report| !report.is_armed);
+        self.preflight.has_seen_down |= matches!(before, State::Check { .. }) && is_down;
+        // Somebody who arms it while the bridge waits flies it, with heartbeats; one that is found armed is no vehicle to fly.
+        let is_kept = state == State::HandsOff && self.preflight.has_seen_down;
+        let was_refused = matches!(before, State::Check { .. }) && !state.is_ours() && !input.is_over && !is_kept;
         was_refused.then(|| PreflightRefusal(self.end.clone()))
     }
 
@@ -280,7 +289,7 @@ impl VehicleControl {
 
     /// What the table has to know.
     fn input(&mut self, checks: Checks, are_all_checked: bool, now_s: f64) -> Input {
-        let is_new = self.vehicle.belief.take_new();
+        let (is_new, missed, says_armed) = self.vehicle.belief.take_new();
         let above_home_m = self.position().map(|position| position.z);
         let height = match above_home_m {
             _ if self.vehicle.is_on_ground(now_s) => Height::Ground,
@@ -288,9 +297,9 @@ impl VehicleControl {
             _ => Height::Low,
         };
         Input {
-            believed: self.vehicle.believed(now_s),
+            believed: missed.filter(|_| !self.vehicle.is_lost(now_s)).or_else(|| self.vehicle.believed(now_s)),
             is_new,
-            says_armed: self.vehicle.says_armed(),
+            says_armed,
             height,
             is_placed: self.has_current_position(now_s),
             checks,
@@ -346,7 +355,7 @@ impl VehicleControl {
         let is_withheld = match self.state {
             State::Done if !self.vehicle.says_armed() => return Heartbeats::Idle,
             State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows), // else somebody flies it again
-            State::Silent => !is_called,
+            State::Silent => true,
             _ => may_fly && self.vehicle.belief.silence_s(now_s) >= UNHEARD_S && !is_called,
         };
         if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }
@@ -375,12 +384,17 @@ impl VehicleControl {
 
     /// Whether the checks before take-off hold, or are over.
     pub fn is_checked(&self) -> bool {
-        self.preflight.holds || self.state != State::Check { may_fly_on: false }
+        self.preflight.holds || !matches!(self.state, State::Check { .. })
     }
 
     /// Whether the bridge has commanded it to arm, or the one before.
     pub fn is_committed(&self) -> bool {
         !matches!(self.state, State::Check { .. })
+    }
+
+    /// Whether the bridge flies it, or somebody else does.
+    pub fn is_flown_by_anybody(&self) -> bool {
+        self.state.is_flown() || self.state == State::HandsOff
     }
 
     /// Whether it flies to the waypoints of plans, as far as is known.

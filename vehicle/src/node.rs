@@ -391,10 +391,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
         let saved = |(uav, chosen)| {
             let control = self.bridge.control(uav);
-            SavedVehicle { chosen, state: control.state(), home_m: control.saved_home_m() }
+            SavedVehicle { chosen, state: control.state(), home_m: control.saved_home_m(), was_flown: false }
         };
         let vehicles = self.link.chosen().enumerate().map(saved).collect();
-        let is_saved = self.saved.save(vehicles, |uav| self.bridge.control(uav).is_committed());
+        let is_saved = self.saved.save(vehicles);
         for (uav, order) in orders {
             if is_saved || order != Order::Arm {
                 self.link.send(uav, &order);

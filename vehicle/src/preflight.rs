@@ -64,6 +64,8 @@ pub struct Preflight {
     pub missing: String,
     /// Whether they held when they were made last.
     pub holds: bool,
+    /// Whether the vehicle was seen on the ground, disarmed.
+    pub has_seen_down: bool,
 }
 
 impl Preflight {
@@ -107,7 +109,10 @@ impl Preflight {
         orders: &mut Vec<Order>,
     ) -> Result<Option<String>, PreflightRefusal> {
         let wait = |what: &str| Ok(Some(what.to_owned()));
-        let Some(autopilot) = vehicle.autopilot else { return wait("to send heartbeats") };
+        let Some(autopilot) = vehicle.autopilot.filter(|_| !vehicle.is_lost(now_s)) else {
+            *self = Self { has_seen_down: self.has_seen_down, ..Self::default() }; // what comes next may be another one, or have been changed meanwhile
+            return wait("to send heartbeats");
+        };
         let names_both = [ModeMeaning::Follows, ModeMeaning::Returns].iter().all(|mode| assignment.modes.names(*mode));
         if autopilot == AutopilotKind::Other && !names_both {
             let expected = "expected ArduPilot or PX4, or ?modes=follow:N,return:N with the numbers of its modes behind the \
@@ -139,7 +144,7 @@ impl Preflight {
             let (wanted, is) = (autopilot.follow_name(), vehicle.mode_name());
             return Ok(Some(format!("to be put into {wanted} by its operator: it is in {is}")));
         }
-        if vehicle.is_ready == Some(false) {
+        if !vehicle.is_ready() {
             return wait("to pass its own checks before arming");
         }
         Ok(None)

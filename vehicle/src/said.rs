@@ -72,6 +72,10 @@ impl Said {
             self.lasting.len() - 1
         });
         let lasting = &mut self.lasting[index];
+        // Another line on what is missing is news.
+        if after_s > 0.0 && after_s < AGAIN_S && lasting.line != line {
+            lasting.due_s = lasting.due_s.min(now_s + after_s);
+        }
         if now_s >= lasting.due_s {
             lasting.every_s = if lasting.line == line { lasting.every_s * GROWS } else { AGAIN_S };
             lasting.due_s = now_s + lasting.every_s;

@@ -23,15 +23,17 @@ pub struct SavedVehicle {
     pub state: State,
     /// The altitude of its home above sea [m], as it was when it was armed.
     pub home_m: Option<f64>,
+    /// Whether a bridge of this run has flown it.
+    pub was_flown: bool,
 }
 
 /// A vehicle of which nothing is known any more: it may have been armed.
-const UNKNOWN: SavedVehicle = SavedVehicle { chosen: None, state: State::Silent, home_m: None };
+const UNKNOWN: SavedVehicle = SavedVehicle { chosen: None, state: State::Silent, home_m: None, was_flown: true };
 
-/// Whether a vehicle of the ring in `folder` is flown by others, or none flies any more: such a run is not to be resumed.
+/// Whether a vehicle of the run in the folder `run` is flown by others, or none flies any more: it is not to be resumed.
 #[must_use]
-pub fn is_over(folder: &Path) -> bool {
-    let vehicles = read(&folder.join(VEHICLES)).unwrap_or_default();
+pub fn is_over(run: &Path) -> bool {
+    let vehicles = read(&run.join(VEHICLES)).unwrap_or_default();
     let is = |wanted: State| move |vehicle: &SavedVehicle| vehicle.state == wanted;
     vehicles.iter().any(is(State::HandsOff)) || !vehicles.is_empty() && vehicles.iter().all(is(State::Done))
 }
@@ -43,7 +45,7 @@ pub fn is_over(folder: &Path) -> bool {
 pub fn resume(run: &Path, folder: &Path) -> Result<(), InputError> {
     let path = run.join(VEHICLES);
     let refused = |expected: &str| InputError::new("run folder", &path, expected);
-    let vehicles =
+    let mut vehicles =
         read(&path).ok_or_else(|| refused("expected the states of its vehicles, as the bridge has written them"))?;
     if vehicles.is_empty() {
         return Ok(());
@@ -51,6 +53,7 @@ pub fn resume(run: &Path, folder: &Path) -> Result<(), InputError> {
     if vehicles.iter().all(|vehicle| matches!(vehicle.state, State::HandsOff | State::Done)) {
         return Err(refused("its vehicles have landed, or were flown by others: expected a new run"));
     }
+    vehicles.iter_mut().for_each(|vehicle| vehicle.was_flown = false); // by the run that resumes it
     write(&folder.join(VEHICLES), &vehicles)
         .map_err(|error| refused(&format!("it cannot be handed to the ring: {error}")))
 }
@@ -90,19 +93,23 @@ impl SavedVehicles {
     }
 
     /// Saves what the bridge after this one has to know, before the commands of a transition are sent; the run folder keeps
-    /// what it has of vehicles that this bridge has not armed. Returns whether it is saved for the next bridge.
-    pub fn save(&mut self, vehicles: Vec<SavedVehicle>, is_committed: impl Fn(usize) -> bool) -> bool {
+    /// what it has of vehicles that no bridge of this run has flown. Returns whether it is saved for the next bridge.
+    pub fn save(&mut self, mut vehicles: Vec<SavedVehicle>) -> bool {
+        for (uav, vehicle) in vehicles.iter_mut().enumerate() {
+            let flies = matches!(vehicle.state, State::Climb | State::Fly { .. } | State::Home { .. });
+            vehicle.was_flown |= flies || self.vehicles.get(uav).is_some_and(|before| before.was_flown);
+        }
         if vehicles == self.vehicles {
             return true;
         }
         if let Some(run) = &self.run {
             let kept = |(uav, vehicle): (usize, &SavedVehicle)| match self.in_run.get(uav) {
-                Some(before) if !is_committed(uav) => *before,
+                Some(before) if !vehicle.was_flown => *before,
                 _ => *vehicle,
             };
             let in_run: Vec<SavedVehicle> = vehicles.iter().enumerate().map(kept).collect();
             let path = run.join(VEHICLES);
-            let is_new = in_run != self.in_run && (0..vehicles.len()).any(is_committed);
+            let is_new = in_run != self.in_run && vehicles.iter().any(|vehicle| vehicle.was_flown);
             if is_new && self.write(&path, &in_run, ": --resume would fly its vehicles as they were before") {
                 self.in_run = in_run;
             }
@@ -148,7 +155,7 @@ mod tests {
 
     fn vehicle(state: State) -> SavedVehicle {
         let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
-        SavedVehicle { chosen, state, home_m: Some(488.3) }
+        SavedVehicle { chosen, state, home_m: Some(488.3), was_flown: state.is_flown() }
     }
 
     const FLY: State = State::Fly { has_begun: true };
@@ -159,14 +166,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let vehicles = vec![vehicle(FLY), vehicle(State::Home { was_seen: true })];
         let mut saved = SavedVehicles::of(folder.path(), 2);
-        assert!(saved.vehicles().is_empty() && saved.save(vehicles.clone(), |_| true));
+        assert!(saved.vehicles().is_empty() && saved.save(vehicles.clone()));
         assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), vehicles);
         assert_eq!(SavedVehicles::of(folder.path(), 3).vehicles(), [UNKNOWN; 3], "of another run");
 
         let mut lost = SavedVehicles::of(&folder.path().join("none"), 2);
-        assert!(!lost.save(vehicles.clone(), |_| true) && !lost.save(vehicles.clone(), |_| true));
+        assert!(!lost.save(vehicles.clone()) && !lost.save(vehicles.clone()));
         std::fs::create_dir(folder.path().join("none")).unwrap();
-        assert!(lost.save(vehicles, |_| true));
+        assert!(lost.save(vehicles));
     }
 
     #[test]
@@ -175,17 +182,23 @@ mod tests {
         std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
         let in_run =
             || read(&run.path().join(VEHICLES)).unwrap().iter().map(|vehicle| vehicle.state).collect::<Vec<_>>();
-        let save = |states: [State; 2], committed: usize| {
+        let save = |states: [State; 2]| {
             let mut saved = SavedVehicles::of(ring.path(), 2);
-            assert!(saved.save(states.map(vehicle).to_vec(), |uav| uav < committed));
+            let vehicle = |state| SavedVehicle { was_flown: false, ..vehicle(state) };
+            assert!(saved.save(states.map(vehicle).to_vec()));
         };
-        save([CHECK, CHECK], 0);
-        assert_eq!(in_run(), [], "a run in which nothing was armed");
-        save([FLY, CHECK], 1);
+        let begin_again = || std::fs::remove_file(ring.path().join(VEHICLES)).unwrap();
+        save([CHECK, State::HandsOff]);
+        assert_eq!(in_run(), [], "a run in which nothing was flown");
+        begin_again();
+        save([FLY, CHECK]);
         assert_eq!(in_run(), [FLY, CHECK]);
-        save([State::Home { was_seen: true }, FLY], 2);
-        save([CHECK, State::HandsOff], 0); // resumed too early
+        save([State::Home { was_seen: true }, FLY]);
+        begin_again();
+        save([State::HandsOff, State::Done]); // resumed too early
+        save([State::HandsOff, State::Arm { was_armed: false }]);
         assert_eq!(in_run(), [State::Home { was_seen: true }, FLY]);
+        assert!(!is_over(run.path()));
 
         let next = tempfile::tempdir().unwrap();
         resume(run.path(), next.path()).unwrap();

@@ -52,6 +52,9 @@ const STANDS_S: f64 = 5.0;
 /// Time after which a failsafe that acts has not changed the mode [s]: PX4 holds for 5 s, or up to 25, before.
 const LASTS_S: f64 = 30.0;
 
+/// Time after which a vehicle has made its own checks again in a new mode [s].
+const CHECKED_S: f64 = 2.0;
+
 /// Altitudes of home of which the median counts: those of some seconds.
 const HOMES: usize = 100;
 
@@ -101,8 +104,8 @@ pub struct VehicleState {
     pub power: Power,
     /// Standard deviations of the position [m], horizontal and vertical.
     pub accuracy_m: Option<[f64; 2]>,
-    /// Whether it passes its own checks before arming; `None` if it does not say so.
-    pub is_ready: Option<bool>,
+    /// Whether it passes its own checks before arming, and when it said so [s]; `None` if it does not.
+    ready: Option<(bool, f64)>,
     /// What it reports of its mode and its motors.
     pub belief: Belief,
     /// The number of its last mode.
@@ -180,7 +183,7 @@ impl VehicleState {
             Telemetry::Battery(left) => self.power.hear(left, low_battery),
             Telemetry::Status { left, is_ready } => {
                 self.power.hear(left, low_battery);
-                self.is_ready = is_ready;
+                self.ready = is_ready.map(|is_ready| (is_ready, now_s));
             }
             Telemetry::InAir(is_in_air) => self.says_in_air = Some(is_in_air),
             Telemetry::Answer { .. } | Telemetry::Text { .. } | Telemetry::Parameter { .. } => {}
@@ -230,6 +233,12 @@ impl VehicleState {
     /// Whether it is in a mode of its own for the take-off, in which it flies to no waypoint.
     pub fn takes_off(&self) -> bool {
         self.autopilot.zip(self.mode).is_some_and(|(autopilot, mode)| autopilot.takes_off_in(mode))
+    }
+
+    /// Whether it passes its own checks before arming, in the mode in which it is: they depend on that, and are made again in
+    /// a second. One that does not report them passes.
+    pub fn is_ready(&self) -> bool {
+        self.ready.is_none_or(|(is_ready, said_s)| is_ready && said_s >= self.belief.since_s() + CHECKED_S)
     }
 
     /// Whether its last report says that it is armed.
@@ -284,7 +293,7 @@ impl VehicleState {
     pub fn is_on_ground(&self, now_s: f64) -> bool {
         let says_so = !self.is_high() && (self.fix.is_some() || self.says_in_air.is_some());
         let may_stand = self.speed_mps().map_or(!self.is_high(), |speed_mps| speed_mps < STANDS_MPS);
-        let stands = may_stand && !self.says_armed() && self.belief.stands_for_s(now_s) >= STANDS_S;
+        let stands = may_stand && !self.says_armed() && now_s - self.belief.since_s() >= STANDS_S;
         says_so || stands && self.belief.last().is_some()
     }
 }

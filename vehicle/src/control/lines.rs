@@ -9,6 +9,9 @@ use crate::table::{Checks, Control, Ending, Failsafe, Height, Input, Left, Line,
 const SAID_S: f64 = 10.0;
 const MISSING_S: f64 = 2.0;
 
+/// The same of a return [s].
+const SLOW_S: f64 = 60.0;
+
 impl VehicleControl {
     /// Says how it goes on from the state in which the bridge before, or the run before, has saved it.
     pub fn say_restored(&mut self, saved: State) {
@@ -76,17 +79,22 @@ impl VehicleControl {
             Line::Done(Ending::ArmingRefused) => {
                 format!("it refuses to be armed: MAVLink result {}", self.outbox.result().unwrap_or_default())
             }
-            Line::Done(Ending::ArmingLost) => "it is not armed 13 s after the command".to_owned(),
+            Line::Done(Ending::ArmingLost) => {
+                "it was not armed, or not ready to take off, 13 s after the command".to_owned()
+            }
             Line::Done(Ending::NoTakeOff) => "it does not take off within two minutes".to_owned(),
             Line::Done(Ending::Disarmed) => "it has disarmed".to_owned(),
             _ => self.end.clone(),
         };
         let more = match line {
+            Line::HandsOff(Control::Armed) if !self.preflight.has_seen_down => "",
             Line::HandsOff(_) => {
-                ". The bridge gives it no more commands in this run, which goes on until it has landed; Ctrl-C ends the run, \
-                 and with it the heartbeats for which its GCS failsafe waits"
+                ". The bridge gives it no more commands in this run, which goes on; Ctrl-C ends it, and with it the heartbeats \
+                 for which its GCS failsafe waits"
             }
-            Line::Silent(_) => ". The bridge gives it no commands and no heartbeats",
+            Line::Silent(_) => {
+                ". The bridge gives it no commands, and no heartbeats unless another vehicle at its address needs them"
+            }
             _ => "",
         };
         self.said.say(format!("{what}: {why}{more}"));
@@ -129,7 +137,7 @@ impl VehicleControl {
                 MISSING_S,
                 "is armed and in the air, though its mission is over: it gets no commands".to_owned(),
             ),
-            ("progress", self.progress(input).is_some(), SAID_S, self.progress(input).unwrap_or_default()),
+            ("progress", self.progress(input).is_some(), self.slow_after_s(), self.progress(input).unwrap_or_default()),
         ];
         for (matter, is_so, after_s, line) in lines {
             let has_ended = self.said.say_while(matter, is_so.then_some(line), after_s, now_s);
@@ -145,10 +153,18 @@ impl VehicleControl {
         self.said.say_while("missing", missing, MISSING_S, now_s);
     }
 
+    /// Time after which it is said how far it is [s]: a return takes a while.
+    fn slow_after_s(&self) -> f64 {
+        if let State::Home { .. } = self.state { SLOW_S } else { SAID_S }
+    }
+
     /// How far it is from where it has to be, for people; `None` if it is there, or on its way in a slot.
     fn progress(&self, input: &Input) -> Option<String> {
         let position = self.position()?;
         match self.state {
+            State::Home { was_seen: true } if input.height != Height::Ground => {
+                Some(format!("is on its way home, {:.1} m up", position.z))
+            }
             State::Climb => Some(format!("climbs: at {:.1} m of {:.1} m", position.z, self.assignment.start.z)),
             State::Fly { has_begun: false } => {
                 let away_m = (position - self.assignment.start).norm();

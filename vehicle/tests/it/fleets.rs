@@ -21,7 +21,7 @@ const CHECK: State = State::Check { may_fly_on: false };
 /// A bridge over the vehicles of a fleet of two, at (50, 50) and (60, 50), in these states of before.
 fn fleet(beginning: Beginning, states: [State; 2], keys: &str) -> Bridge {
     let both = scenario(&format!("{FLEET}{keys}"));
-    let saved = states.map(|state| SavedVehicle { chosen: None, state, home_m: Some(488.0) });
+    let saved = states.map(|state| SavedVehicle { chosen: None, state, home_m: Some(488.0), was_flown: true });
     let saved = if states == [CHECK; 2] { &[][..] } else { &saved };
     Bridge::new(&both, &[SensorNode::default()], AreaFrame::at(HOME), &start(&both), beginning, saved, &own(2))
 }
@@ -145,6 +145,10 @@ fn a_vehicle_does_not_wait_for_ever_for_another() {
     let refused = refused.unwrap();
     let expected = "it is not ready 150 s after another: no slot is flown";
     assert_eq!((refused.number, &*refused.why.to_string()), (2, expected));
+    // What has taken off comes home.
+    bridge.return_home("the bridge ends");
+    let orders = run(&mut bridge, 2.0, &mut now_s, first);
+    assert_eq!(orders, [(0, Order::Return)]);
 }
 
 #[test]
@@ -173,4 +177,32 @@ fn a_vehicle_that_is_home_keeps_no_other_from_taking_off() {
         speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, false, now_s); // the second is switched off
     });
     assert_eq!(orders, [(0, Order::Arm)]);
+}
+
+#[test]
+fn a_resumed_fleet_waits_for_a_vehicle_that_was_not_heard() {
+    let (mut bridge, mut now_s) = (fleet(Beginning::First, [FLIES; 2], ""), 0.0);
+    let first = |bridge: &mut Bridge, now_s| speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, false, now_s);
+    let orders = run(&mut bridge, 20.0, &mut now_s, first);
+    assert_eq!(orders, [], "the second is switched off");
+    let orders = run(&mut bridge, 5.0, &mut now_s, both([0.0; 2], [GUIDED; 2], [false; 2]));
+    assert_eq!(orders, [(0, Order::Arm), (1, Order::Arm)]);
+}
+
+#[test]
+fn a_vehicle_that_is_changed_before_take_off_is_checked_anew() {
+    let mut bridge = fleet(Beginning::First, [CHECK; 2], "");
+    let mut now_s = 0.0;
+    let questions = |bridge: &mut Bridge, now_s: f64| {
+        let mut asked = 0;
+        let _ = bridge.poll(now_s, |_, order| asked += usize::from(matches!(order, Order::Parameter(_))), |_, _| {});
+        asked
+    };
+    run(&mut bridge, 5.0, &mut now_s, both([0.0; 2], [GUIDED, STABILIZE], [false; 2]));
+    assert_eq!(questions(&mut bridge, now_s + 0.05), 0, "all is known");
+    run(&mut bridge, 4.0, &mut now_s, |_, _| {}); // its battery is changed
+    let heartbeat =
+        Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode: GUIDED, is_armed: false, is_critical: false };
+    (0..4).for_each(|tenth| bridge.hear(0, &heartbeat, now_s + 0.4 + f64::from(tenth) / 10.0));
+    assert!(questions(&mut bridge, now_s + 0.8) > 0, "it is asked again");
 }

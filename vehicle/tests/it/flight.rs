@@ -237,7 +237,7 @@ impl ClosedLoop {
     /// What the bridge has to save.
     pub fn saved(&self) -> Vec<SavedVehicle> {
         let control = self.bridge.control(0);
-        vec![SavedVehicle { chosen: None, state: control.state(), home_m: control.saved_home_m() }]
+        vec![SavedVehicle { chosen: None, state: control.state(), home_m: control.saved_home_m(), was_flown: true }]
     }
 
     pub fn state(&self) -> State {

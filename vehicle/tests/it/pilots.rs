@@ -75,7 +75,7 @@ fn a_vehicle_that_is_disarmed_while_its_motors_spool_up_is_not_armed_again() {
             assert!(!flight.bridge.has_begun());
             let refusal = flight.bridge.check_flyable().unwrap_err();
             let why = refusal.why.to_string();
-            let ends = ["it has disarmed", "it is not armed 13 s after the command"]; // the second if no heartbeat has shown it
+            let ends = ["it has disarmed", "it was not armed, or not ready to take off, 13 s after the command"]; // the second if no heartbeat has shown it
             let expected = ends.map(|end| format!("its mission was over before it began: {end}: no slot was flown"));
             assert!(refusal.number == 1 && expected.contains(&why), "{why}");
         }
@@ -83,16 +83,18 @@ fn a_vehicle_that_is_disarmed_while_its_motors_spool_up_is_not_armed_again() {
 }
 
 #[test]
-fn whoever_arms_while_the_bridge_waits_flies_it() {
+fn whoever_arms_while_the_bridge_waits_flies_it_with_heartbeats() {
     for autopilot in KINDS {
         let mut flight = flight_over(autopilot);
         flight.gcs_failsafe = None; // the bridge waits for it
         flight.advance(5.0);
         flight.copter.take_off_by_hand(15.0);
-        flight.advance(5.0);
-        let why = flight.refusal.as_ref().map(|refusal| refusal.why.to_string()).unwrap_or_default();
-        assert!(why.starts_with("it is armed ("), "{why}");
-        assert!(flight.orders.is_empty() && flight.state() == State::HandsOff, "{:?}", flight.orders);
+        flight.advance(30.0);
+        assert_eq!(count(&flight, "is overridden: it is armed ("), 1, "{:?}", flight.said);
+        assert!(flight.refusal.is_none() && flight.orders.is_empty(), "{:?}", flight.orders);
+        assert_eq!((flight.state(), flight.copter.mode), (State::HandsOff, CopterMode::Loiter), "no failsafe acts");
+        flight.copter.disarm();
+        flight.until(10.0, |flight| flight.bridge.check_flyable().is_err());
     }
 }
 

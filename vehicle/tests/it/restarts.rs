@@ -220,12 +220,12 @@ fn a_bridge_that_is_killed_at_any_instant_is_followed_by_one_that_overrules_nobo
 
 /// As the process does: without what is saved nobody is armed.
 #[test]
-fn a_command_to_arm_that_could_not_be_saved_is_given_later() {
+fn a_command_to_arm_that_could_not_be_saved_ends_the_start() {
     let mut flight: ClosedLoop = flight_over(AutopilotKind::ArduPilot);
     flight.lost = Order::Arm.command(); // it is not sent
     flight.until(60.0, |flight| arms(flight) == 1);
     flight.bridge.forget_arming(0);
-    flight.lost = None;
-    flight.until(90.0, |flight| flight.bridge.has_begun());
-    assert_eq!(arms(&flight), 2);
+    flight.advance(60.0);
+    assert_eq!((arms(&flight), count(&flight, "is not armed: its state cannot be saved")), (1, 1), "{:?}", flight.said);
+    assert!(flight.bridge.check_flyable().is_err());
 }
