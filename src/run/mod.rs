@@ -27,7 +27,6 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{OperatorUse, Summary, Tally};
 use skysink_planner::settings;
 use skysink_planner::strategy::Registered;
-use skysink_ring::folder::RingFolder;
 
 use crate::error::{Error, LeftToFly};
 use crate::options::{MissionOptions, NewFolder, ScenarioFile};

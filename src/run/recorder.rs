@@ -75,12 +75,14 @@ pub struct ExternalTimeout {
     pub roles: Vec<Role>,
     /// The longest wait.
     pub timeout: Duration,
+    /// Whether they say themselves what they wait for before the mission, as the bridge to vehicles does.
+    pub speaks: bool,
 }
 
 impl ExternalTimeout {
-    /// Whether `role` ends by itself, and says until then why it takes so long.
+    /// Whether `role` says itself why it takes so long.
     fn speaks_for(&self, role: Role) -> bool {
-        self.timeout == Duration::MAX && self.roles.contains(&role)
+        self.speaks && self.roles.contains(&role)
     }
 }
 

@@ -104,7 +104,8 @@ impl RingMission<'_> {
         // Programs of the user may begin late, and a vehicle has to get ready and to take off.
         let vehicle = options.vehicle.iter().map(|_| Role::FlightSim);
         let roles = options.external.iter().copied().chain(vehicle).collect();
-        let external = ExternalTimeout { roles, timeout: self.external_timeout() };
+        let speaks = matches!(options.vehicle, Some(VehicleOption::Mavlink(_)));
+        let external = ExternalTimeout { roles, timeout: self.external_timeout(), speaks };
         let mut recorder = Recorder::new(&ring, wait, external)?;
         self.announce_external(&progress)?;
         let mut workers = Workers::start(Supervision {

@@ -28,6 +28,9 @@ pub struct MavlinkItem {
     pub params: [f64; 7],
 }
 
+/// How near to a waypoint the vehicle has been at it [m]: by default a PX4 passes 10 m away in some releases, ArduCopter 2.
+const ACCEPTANCE_M: f64 = 2.0;
+
 /// `MAV_FRAME_MISSION`, of items without a position.
 const NO_POSITION: u8 = 2;
 
@@ -41,7 +44,11 @@ impl VehicleItem {
         };
         match *self {
             Self::TakeOff { home, altitude_m } => at(22, AltitudeReference::Relative as u8, 0.0, home, altitude_m),
-            Self::Waypoint { place, altitude_m, hold_s } => at(16, reference as u8, hold_s, place, altitude_m),
+            Self::Waypoint { place, altitude_m, hold_s } => {
+                let mut item = at(16, reference as u8, hold_s, place, altitude_m);
+                item.params[1] = ACCEPTANCE_M;
+                item
+            }
             Self::Speed { speed_mps } => {
                 MavlinkItem { command: 178, frame: NO_POSITION, params: [1.0, speed_mps, -1.0, 0.0, 0.0, 0.0, 0.0] }
             }

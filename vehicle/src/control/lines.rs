@@ -70,7 +70,9 @@ impl VehicleControl {
             Line::HandsOff(Control::Return) => {
                 format!("it returns or lands by itself ({mode}): a failsafe, or a pilot")
             }
-            Line::HandsOff(Control::ReturnStopped) => format!("its return was stopped ({mode})"),
+            Line::HandsOff(Control::ReturnStopped) => {
+                format!("its return was stopped ({mode}): a failsafe, or a pilot")
+            }
             Line::Silent(Left::NoReturn) => "it does not return within half a minute".to_owned(),
             Line::Silent(Left::Restarted) => {
                 "the bridge was restarted between its command to arm and its mission, or in its return".to_owned()
