@@ -14,7 +14,7 @@ use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
 use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::said::Said;
-use crate::state::{Arrivals, VehicleState};
+use crate::state::{LinkArrivals, VehicleState};
 use crate::table::{Checks, Command, Height, Input, State, step};
 use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, TEMPORARILY_REJECTED, Telemetry, UNSUPPORTED};
 
@@ -30,8 +30,11 @@ const CLIMBED_M: f64 = 1.0;
 /// Greatest speed of a vehicle that hovers [m/s].
 const HOVER_MPS: f64 = 0.5;
 
-/// Time without a mode after which a vehicle gets no heartbeats until it is heard [s].
+/// Time without a mode that is believed after which a vehicle gets no heartbeats until there is one [s].
 const UNHEARD_S: f64 = 10.0;
+
+/// How far the altitude of home may be from what the vehicle reports of it [m]: an autopilot corrects it by some metres.
+const HOME_SLACK_M: f64 = 30.0;
 
 /// Time between two calls of a vehicle that was never heard, longer than any GCS failsafe waits (PX4: up to 300 s), and how
 /// long one takes [s].
@@ -67,7 +70,7 @@ impl Waypoint {
 /// What is believed of what comes in.
 #[derive(Debug, Clone)]
 struct Hearing {
-    arrivals: Arrivals,
+    arrivals: LinkArrivals,
     jumps: Jumps,
 }
 
@@ -95,7 +98,7 @@ impl VehicleControl {
     /// A vehicle in this state, of which nothing was heard yet; its home may be known from the bridge before.
     #[must_use]
     pub fn new(assignment: Assignment, state: State, home_m: Option<f64>) -> Self {
-        let hearing = Hearing { arrivals: Arrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
+        let hearing = Hearing { arrivals: LinkArrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
         let start = assignment.start;
         let mut outbox = Outbox::default();
         if let State::Fly { .. } = state {
@@ -356,7 +359,11 @@ impl VehicleControl {
             State::Done if !self.vehicle.says_armed() => return Heartbeats::Idle,
             State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows), // else somebody flies it again
             State::Silent => true,
-            _ => may_fly && self.vehicle.belief.silence_s(now_s) >= UNHEARD_S && !is_called,
+            // One that was found armed is somebody else's: its failsafe is not to wait for the bridge.
+            State::Check { may_fly_on: false } if self.vehicle.autopilot.is_some() && !self.preflight.has_seen_down => {
+                true
+            }
+            _ => may_fly && self.vehicle.belief.doubt_s(now_s) >= UNHEARD_S && !is_called,
         };
         if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }
     }
@@ -412,9 +419,12 @@ impl VehicleControl {
         self.waypoint.map(|waypoint| waypoint.at).filter(|_| matches!(self.state, State::Fly { .. }))
     }
 
-    /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds.
+    /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds. What the
+    /// bridge before has saved counts only if it is near what the vehicle reports.
     pub fn home_m(&self) -> Option<f64> {
-        self.home_m.or_else(|| self.vehicle.home_m())
+        let reported_m = self.vehicle.home_m();
+        let is_near = |home_m: &f64| reported_m.is_some_and(|reported_m| (home_m - reported_m).abs() < HOME_SLACK_M);
+        self.home_m.filter(is_near).or(reported_m)
     }
 
     /// That altitude, once it was armed.
@@ -427,7 +437,8 @@ impl VehicleControl {
     pub fn position(&self) -> Option<Point3<f64>> {
         let fix = self.vehicle.fix()?;
         let position = self.assignment.frame.position(fix)?;
-        let home_m = self.home_m.filter(|_| self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea));
+        let is_frozen = self.home_m.is_some() && self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea);
+        let home_m = self.home_m().filter(|_| is_frozen);
         Some(home_m.map_or(position, |home_m| above(&position.xy(), fix.above_sea_m - home_m)))
     }
 

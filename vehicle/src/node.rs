@@ -184,6 +184,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
     ) -> Result<Self, NodeError> {
         let refuse = |message: &str| InputError::of_argument("vehicle", &list(addresses), message);
         let uavs = scenario.uav.uavs();
+        let saved = SavedVehicles::of(folder.path(), uavs, ring.restarts > 0);
         let (Pace::Factor(factor), Some(period)) = (ring.terms.pace, ring.terms.pace.period(scenario.slot_s)) else {
             return Err(refuse("expected a paced run, by --pace realtime or a factor").into());
         };
@@ -200,7 +201,6 @@ impl<S: Service + 'static> BridgeProcess<S> {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let saved = SavedVehicles::of(folder.path(), uavs);
         link.name(
             saved.vehicles().iter().map(|vehicle| (vehicle.chosen, !matches!(vehicle.state, State::Check { .. }))),
         );

@@ -72,11 +72,18 @@ pub struct SavedVehicles {
 }
 
 impl SavedVehicles {
-    /// What the bridge before, or the run before, has saved of its `uavs` vehicles in the folder of the ring. If that cannot
-    /// be read, which is said, none is armed: they may have been.
+    /// What the bridge before, or the run before, has saved of its `uavs` vehicles in the folder of the ring; nothing for the
+    /// first bridge of a run, which `is_restarted` is not. If that cannot be read, or is gone, which is said, none is armed:
+    /// they may have been.
     #[must_use]
-    pub fn of(folder: &Path, uavs: usize) -> Self {
-        let vehicles = read(&folder.join(VEHICLES)).filter(|vehicles| vehicles.is_empty() || vehicles.len() == uavs);
+    pub fn of(folder: &Path, uavs: usize, is_restarted: bool) -> Self {
+        let path = folder.join(VEHICLES);
+        let is_gone = is_restarted && !path.exists();
+        if !is_restarted && !path.exists() {
+            let _ = write(&path, &[]); // from here on a bridge that finds nothing has lost it
+        }
+        let vehicles =
+            read(&path).filter(|_| !is_gone).filter(|vehicles| vehicles.is_empty() || vehicles.len() == uavs);
         let vehicles = vehicles.unwrap_or_else(|| {
             let line = format_args!("{VEHICLES} cannot be read: no vehicle is armed, as the bridge before may have");
             Role::FlightSim.log(line);
@@ -165,12 +172,12 @@ mod tests {
     fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_tried_again() {
         let folder = tempfile::tempdir().unwrap();
         let vehicles = vec![vehicle(FLY), vehicle(State::Home { was_seen: true })];
-        let mut saved = SavedVehicles::of(folder.path(), 2);
+        let mut saved = SavedVehicles::of(folder.path(), 2, false);
         assert!(saved.vehicles().is_empty() && saved.save(vehicles.clone()));
-        assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), vehicles);
-        assert_eq!(SavedVehicles::of(folder.path(), 3).vehicles(), [UNKNOWN; 3], "of another run");
+        assert_eq!(SavedVehicles::of(folder.path(), 2, true).vehicles(), vehicles);
+        assert_eq!(SavedVehicles::of(folder.path(), 3, true).vehicles(), [UNKNOWN; 3], "of another run");
 
-        let mut lost = SavedVehicles::of(&folder.path().join("none"), 2);
+        let mut lost = SavedVehicles::of(&folder.path().join("none"), 2, false);
         assert!(!lost.save(vehicles.clone()) && !lost.save(vehicles.clone()));
         std::fs::create_dir(folder.path().join("none")).unwrap();
         assert!(lost.save(vehicles));
@@ -183,7 +190,7 @@ mod tests {
         let in_run =
             || read(&run.path().join(VEHICLES)).unwrap().iter().map(|vehicle| vehicle.state).collect::<Vec<_>>();
         let save = |states: [State; 2]| {
-            let mut saved = SavedVehicles::of(ring.path(), 2);
+            let mut saved = SavedVehicles::of(ring.path(), 2, false);
             let vehicle = |state| SavedVehicle { was_flown: false, ..vehicle(state) };
             assert!(saved.save(states.map(vehicle).to_vec()));
         };
@@ -203,7 +210,7 @@ mod tests {
         let next = tempfile::tempdir().unwrap();
         resume(run.path(), next.path()).unwrap();
         let resumed: Vec<State> =
-            SavedVehicles::of(next.path(), 2).vehicles().iter().map(|of| of.state.resumed()).collect();
+            SavedVehicles::of(next.path(), 2, false).vehicles().iter().map(|of| of.state.resumed()).collect();
         assert_eq!(resumed, [CHECK, State::Check { may_fly_on: true }]);
         std::fs::write(run.path().join(VEHICLES), "[1]").unwrap();
         assert!(
@@ -230,12 +237,15 @@ mod tests {
     fn vehicles_of_which_the_file_cannot_be_read_are_left_to_their_failsafe() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join(VEHICLES);
+        assert_eq!(SavedVehicles::of(folder.path(), 2, true).vehicles(), [UNKNOWN; 2], "it is gone");
+        assert!(SavedVehicles::of(folder.path(), 2, false).vehicles().is_empty());
+        assert!(SavedVehicles::of(folder.path(), 2, true).vehicles().is_empty(), "the first bridge has begun");
         for text in ["", "[", "{}", "\0"] {
             std::fs::write(&file, text).unwrap();
-            assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), [UNKNOWN; 2], "{text:?}");
+            assert_eq!(SavedVehicles::of(folder.path(), 2, true).vehicles(), [UNKNOWN; 2], "{text:?}");
         }
         std::fs::remove_file(&file).unwrap();
         std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
-        assert_eq!(SavedVehicles::of(folder.path(), 2).vehicles(), [UNKNOWN; 2], "a link to a device");
+        assert_eq!(SavedVehicles::of(folder.path(), 2, true).vehicles(), [UNKNOWN; 2], "a link to a device");
     }
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 
 use crate::autopilot::{AutopilotKind, ModeMeaning, NamedModes};
-use crate::belief::Belief;
+use crate::belief::ReportBelief;
 use crate::table::{Failsafe, Report};
 use crate::telemetry::{Fix, Order, Stream, Telemetry};
 
@@ -107,7 +107,7 @@ pub struct VehicleState {
     /// Whether it passes its own checks before arming, and when it said so [s]; `None` if it does not.
     ready: Option<(bool, f64)>,
     /// What it reports of its mode and its motors.
-    pub belief: Belief,
+    pub belief: ReportBelief,
     /// The number of its last mode.
     mode: Option<u32>,
     /// Since when one of its failsafes acts [s].
@@ -121,14 +121,14 @@ pub struct VehicleState {
 
 /// When messages of a vehicle have come.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Arrivals {
+pub struct LinkArrivals {
     /// The last one [s].
     heard_s: Option<f64>,
     /// Until when messages may have waited in the link [s].
     stale_until_s: f64,
 }
 
-impl Arrivals {
+impl LinkArrivals {
     /// Takes in that a message comes. Returns whether the link may have been frozen just before.
     pub fn hear(&mut self, now_s: f64) -> bool {
         let was_frozen = self.heard_s.replace(now_s).is_some_and(|heard_s| now_s - heard_s >= FROZEN_S);
@@ -417,7 +417,7 @@ mod tests {
 
     #[test]
     fn a_link_that_was_frozen_is_stale_for_a_moment() {
-        let mut arrivals = Arrivals::default();
+        let mut arrivals = LinkArrivals::default();
         assert!(!arrivals.hear(100.0) && !arrivals.hear(101.4));
         assert!(arrivals.hear(103.0) && arrivals.is_stale(103.2) && !arrivals.is_stale(103.4));
         arrivals.note_deafness(110.0);

@@ -133,7 +133,7 @@ pub type Orders = &'static [Command];
 
 /// What is said of a transition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Line {
+pub enum SpokenLine {
     /// All checks hold: it is armed.
     Arming,
     /// It has reached the altitude of its start.
@@ -145,7 +145,7 @@ pub enum Line {
     /// It is sent home.
     Returns(Ending),
     /// A pilot or a failsafe has control.
-    HandsOff(Control),
+    HandsOff(TakenBy),
     /// It is left to its GCS failsafe.
     Silent(Left),
     /// Its mission is over on the ground.
@@ -177,7 +177,7 @@ pub enum Ending {
 
 /// Who has taken control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Control {
+pub enum TakenBy {
     /// Somebody else has armed it.
     Armed,
     /// Its mode is that of a pilot.
@@ -257,7 +257,7 @@ impl State {
 }
 
 /// One transition: the next state, the commands that are due, in their order, and a line for people.
-pub fn step(state: State, input: &Input) -> (State, Orders, Option<Line>) {
+pub fn step(state: State, input: &Input) -> (State, Orders, Option<SpokenLine>) {
     let next = match (state, input.believed) {
         (
             State::Check { .. } | State::Arm { .. } | State::Climb | State::Fly { .. } | State::Home { .. },
@@ -270,15 +270,15 @@ pub fn step(state: State, input: &Input) -> (State, Orders, Option<Line>) {
 }
 
 /// What follows from a believed report while the bridge flies.
-fn judge(state: State, report: Report, input: &Input) -> Option<(State, Orders, Option<Line>)> {
+fn judge(state: State, report: Report, input: &Input) -> Option<(State, Orders, Option<SpokenLine>)> {
     if !report.is_armed {
         return judge_disarmed(state, report, input);
     }
     if let State::Check { may_fly_on } = state {
         let is_left = may_fly_on && report.mode == ModeMeaning::Follows && input.height != Height::Ground;
         return Some(match is_left {
-            true => (State::Fly { has_begun: false }, NOTHING, Some(Line::FliesOn)),
-            false => hands_off(Control::Armed),
+            true => (State::Fly { has_begun: false }, NOTHING, Some(SpokenLine::FliesOn)),
+            false => hands_off(TakenBy::Armed),
         });
     }
     match (report.mode, state) {
@@ -287,13 +287,13 @@ fn judge(state: State, report: Report, input: &Input) -> Option<(State, Orders, 
             Some((State::Home { was_seen: true }, NOTHING, None))
         }
         (ModeMeaning::Returns, State::Home { was_seen: true }) => None,
-        (ModeMeaning::Returns, _) => Some(hands_off(Control::Return)),
-        (ModeMeaning::Other, _) => Some(hands_off(Control::Mode)),
+        (ModeMeaning::Returns, _) => Some(hands_off(TakenBy::Return)),
+        (ModeMeaning::Other, _) => Some(hands_off(TakenBy::Mode)),
     }
 }
 
 /// The column *disarmed*: on the ground a mission is over; in the air nobody believes it, and nothing is commanded.
-fn judge_disarmed(state: State, report: Report, input: &Input) -> Option<(State, Orders, Option<Line>)> {
+fn judge_disarmed(state: State, report: Report, input: &Input) -> Option<(State, Orders, Option<SpokenLine>)> {
     match state {
         State::Check { may_fly_on: true } if input.height == Height::Ground => {
             Some((State::Check { may_fly_on: false }, NOTHING, None))
@@ -304,12 +304,12 @@ fn judge_disarmed(state: State, report: Report, input: &Input) -> Option<(State,
             (may_arm && report.mode == ModeMeaning::Follows && input.is_new).then_some((
                 State::Arm { was_armed: false },
                 &[Command::Arm],
-                Some(Line::Arming),
+                Some(SpokenLine::Arming),
             ))
         }
         State::Arm { was_armed: false } if report.mode != ModeMeaning::Follows => Some(hands_off(match report.mode {
-            ModeMeaning::Returns => Control::Return,
-            _ => Control::Mode,
+            ModeMeaning::Returns => TakenBy::Return,
+            _ => TakenBy::Mode,
         })),
         State::Check { .. } | State::Arm { was_armed: false } => None,
         _ if input.height != Height::Ground => None,
@@ -319,15 +319,16 @@ fn judge_disarmed(state: State, report: Report, input: &Input) -> Option<(State,
 }
 
 /// The column *follows*: an armed vehicle in the mode that follows commands.
-fn judge_follows(state: State, input: &Input) -> Option<(State, Orders, Option<Line>)> {
+fn judge_follows(state: State, input: &Input) -> Option<(State, Orders, Option<SpokenLine>)> {
     let may_command = input.is_new && input.failsafe != Failsafe::Acts;
-    let home = |why| Some((State::Home { was_seen: false }, &[Command::Return] as Orders, Some(Line::Returns(why))));
+    let home =
+        |why| Some((State::Home { was_seen: false }, &[Command::Return] as Orders, Some(SpokenLine::Returns(why))));
     match state {
         State::Arm { .. } if input.is_over => Some(done(Ending::Over)),
         State::Arm { .. } if may_command && input.is_placed => Some((State::Climb, &[Command::TakeOff], None)),
         State::Climb | State::Fly { .. } if input.is_over => may_command.then(|| home(Ending::Over))?,
         State::Climb if input.height == Height::Up && input.is_placed => {
-            Some((State::Fly { has_begun: false }, NOTHING, Some(Line::HasTakenOff)))
+            Some((State::Fly { has_begun: false }, NOTHING, Some(SpokenLine::HasTakenOff)))
         }
         State::Climb if input.is_late && input.height == Height::Ground => Some(done(Ending::NoTakeOff)),
         State::Climb if input.is_late => may_command.then(|| home(Ending::NoClimb))?,
@@ -336,7 +337,7 @@ fn judge_follows(state: State, input: &Input) -> Option<(State, Orders, Option<L
             (is_lost && input.is_placed).then_some((state, &[Command::TakeOff], None))
         }
         State::Fly { has_begun: false } if input.is_at_start => {
-            Some((State::Fly { has_begun: true }, NOTHING, Some(Line::IsAtStart)))
+            Some((State::Fly { has_begun: true }, NOTHING, Some(SpokenLine::IsAtStart)))
         }
         State::Fly { has_begun: false } if input.is_late => may_command.then(|| home(Ending::NoStart))?,
         State::Fly { .. } => {
@@ -344,7 +345,7 @@ fn judge_follows(state: State, input: &Input) -> Option<(State, Orders, Option<L
             is_due.then_some((state, &[Command::Waypoint], None))
         }
         // On the ground a mode is that of the landing: an autopilot changes it before it says that it has disarmed.
-        State::Home { was_seen: true } if input.height != Height::Ground => Some(hands_off(Control::ReturnStopped)),
+        State::Home { was_seen: true } if input.height != Height::Ground => Some(hands_off(TakenBy::ReturnStopped)),
         State::Home { was_seen: false } => {
             (may_command && input.may_repeat && !input.is_late).then_some((state, &[Command::Return], None))
         }
@@ -353,17 +354,17 @@ fn judge_follows(state: State, input: &Input) -> Option<(State, Orders, Option<L
 }
 
 /// What follows from a believed report of a vehicle that is not the bridge's any more.
-fn leave(state: State, report: Report, input: &Input) -> Option<(State, Orders, Option<Line>)> {
+fn leave(state: State, report: Report, input: &Input) -> Option<(State, Orders, Option<SpokenLine>)> {
     match report {
         Report { is_armed: false, .. } if input.height == Height::Ground => Some(done(Ending::Disarmed)),
         // A GCS failsafe would act over a pilot, too.
-        Report { is_armed: true, mode: ModeMeaning::Other } if state == State::Silent => Some(hands_off(Control::Mode)),
+        Report { is_armed: true, mode: ModeMeaning::Other } if state == State::Silent => Some(hands_off(TakenBy::Mode)),
         _ => None,
     }
 }
 
 /// What follows from a time limit, from a refusal, or from the end of the mission, whatever is reported.
-fn expire(state: State, input: &Input) -> Option<(State, Orders, Option<Line>)> {
+fn expire(state: State, input: &Input) -> Option<(State, Orders, Option<SpokenLine>)> {
     match state {
         State::Check { may_fly_on: false } if input.is_over => Some(done(Ending::Over)),
         State::Check { may_fly_on: false } if input.checks == Checks::Refused => Some(done(Ending::ChecksFailed)),
@@ -371,7 +372,7 @@ fn expire(state: State, input: &Input) -> Option<(State, Orders, Option<Line>)> 
         State::Arm { was_armed: false } if input.is_refused => Some(done(Ending::ArmingRefused)),
         State::Arm { .. } if input.is_late => Some(done(Ending::ArmingLost)),
         State::Home { was_seen: false } if input.is_late => {
-            Some((State::Silent, NOTHING, Some(Line::Silent(Left::NoReturn))))
+            Some((State::Silent, NOTHING, Some(SpokenLine::Silent(Left::NoReturn))))
         }
         _ => None,
     }
@@ -385,10 +386,10 @@ fn note(state: State, input: &Input) -> State {
     }
 }
 
-fn hands_off(who: Control) -> (State, Orders, Option<Line>) {
-    (State::HandsOff, NOTHING, Some(Line::HandsOff(who)))
+fn hands_off(who: TakenBy) -> (State, Orders, Option<SpokenLine>) {
+    (State::HandsOff, NOTHING, Some(SpokenLine::HandsOff(who)))
 }
 
-fn done(why: Ending) -> (State, Orders, Option<Line>) {
-    (State::Done, NOTHING, Some(Line::Done(why)))
+fn done(why: Ending) -> (State, Orders, Option<SpokenLine>) {
+    (State::Done, NOTHING, Some(SpokenLine::Done(why)))
 }

@@ -1,13 +1,13 @@
 //! What the autopilot of the vehicle does with orders: as ArduCopter or as PX4, with their traps.
 
-use clap::ValueEnum;
 use mavlink::dialects::common::MavResult;
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
-use strum::FromRepr;
 
 use crate::body::Body;
-use crate::options::{Imitated, KinematicOptions};
+pub use crate::modes::CopterMode;
+use crate::modes::Imitated;
+use crate::options::KinematicOptions;
 
 /// Time for which PX4 holds before a failsafe changes the mode [s].
 const HOLDS_S: f64 = 5.0;
@@ -20,39 +20,6 @@ pub(crate) const RETURN_M: f64 = 15.0;
 
 /// How near to home it begins to land, and how near to its altitude a climb ends [m].
 const NEAR_M: f64 = 0.5;
-
-/// Flight modes, by ArduCopter's numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, FromRepr, ValueEnum)]
-#[repr(u32)]
-pub enum CopterMode {
-    /// Flown by a pilot.
-    Stabilize = 0,
-    /// Follows orders: GUIDED, or Hold of PX4.
-    Guided = 4,
-    /// Flown by a pilot who lets it hover: LOITER, or Position of PX4.
-    Loiter = 5,
-    /// Returns and lands.
-    Return = 6,
-    /// Lands where it is.
-    Land = 9,
-    /// Takes off, and then follows orders: PX4 alone.
-    TakeOff = 100,
-}
-
-impl CopterMode {
-    /// Its number, as `autopilot` says it.
-    pub fn number(self, autopilot: Imitated) -> u32 {
-        match (autopilot, self) {
-            (Imitated::Arducopter, mode) => mode as u32,
-            (Imitated::Px4, Self::Stabilize) => 7 << 16,
-            (Imitated::Px4, Self::Loiter) => 3 << 16,
-            (Imitated::Px4, Self::TakeOff) => 4 << 16 | 2 << 24,
-            (Imitated::Px4, Self::Guided) => 4 << 16 | 3 << 24,
-            (Imitated::Px4, Self::Return) => 4 << 16 | 5 << 24,
-            (Imitated::Px4, Self::Land) => 4 << 16 | 6 << 24,
-        }
-    }
-}
 
 /// An order that it was given.
 #[derive(Debug, Clone, Copy, PartialEq)]

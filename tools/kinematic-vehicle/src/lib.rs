@@ -7,6 +7,7 @@
 pub mod autopilot;
 pub mod body;
 pub mod mission;
+pub mod modes;
 pub mod options;
 pub mod server;
 

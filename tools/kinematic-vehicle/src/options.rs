@@ -1,22 +1,13 @@
 //! The options of the vehicle.
 
-use clap::{Args, Parser, ValueEnum};
+use clap::{Args, Parser};
 use skysink_common::geodata::projection::Origin;
 use skysink_common::option_value::{number, positive};
 use skysink_vehicle::wire::WireAddress;
 
-use crate::autopilot::CopterMode;
 use crate::body::MotionLimits;
-
-/// The autopilot that is imitated.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum Imitated {
-    /// ArduCopter.
-    #[default]
-    Arducopter,
-    /// PX4.
-    Px4,
-}
+use crate::modes::CopterMode;
+pub use crate::modes::Imitated;
 
 /// What the vehicle can do, and what goes wrong.
 #[derive(Debug, Clone, PartialEq, Args)]

@@ -3,7 +3,7 @@
 use skysink_flight_sim::outside::REACHED_M;
 
 use super::{HOVER_MPS, RETRY_S, VehicleControl};
-use crate::table::{Checks, Control, Ending, Failsafe, Height, Input, Left, Line, State};
+use crate::table::{Checks, Ending, Failsafe, Height, Input, Left, SpokenLine, State, TakenBy};
 
 /// Time after which it is said what a vehicle does not do [s], and that something is missing before take-off.
 const SAID_S: f64 = 10.0;
@@ -21,7 +21,7 @@ impl VehicleControl {
                 self.said.say("is flown on as soon as it reports the mode that follows commands".to_owned())
             }
             State::HandsOff => self.end_with("it was flown by others before this bridge began", "is left alone"),
-            State::Silent if saved != State::Silent => self.say_line(Line::Silent(Left::Restarted)),
+            State::Silent if saved != State::Silent => self.say_line(SpokenLine::Silent(Left::Restarted)),
             State::Silent => {
                 self.end_with("it was left to its GCS failsafe before this bridge began", "gets no heartbeats")
             }
@@ -35,72 +35,75 @@ impl VehicleControl {
     }
 
     /// Says what a transition means, and keeps why the mission ends.
-    pub(super) fn say_line(&mut self, line: Line) {
+    pub(super) fn say_line(&mut self, line: SpokenLine) {
         let mode = self.vehicle.mode_name();
         let what = match line {
-            Line::Arming => {
+            SpokenLine::Arming => {
                 let findings = self.preflight.findings(&self.vehicle);
                 findings.into_iter().for_each(|line| self.said.say(line));
                 return self.said.say("is checked: arming".to_owned());
             }
-            Line::HasTakenOff => {
+            SpokenLine::HasTakenOff => {
                 let at_m = self.position().map_or(0.0, |position| position.z);
                 return self.said.say(format!("has taken off to {at_m:.1} m"));
             }
-            Line::FliesOn => return self.said.say("is in the air: flying on".to_owned()),
-            Line::IsAtStart => return self.said.say("hovers at its start".to_owned()),
-            Line::Returns(_) => "returns",
-            Line::HandsOff(_) => "is overridden",
-            Line::Silent(_) => "is left to its GCS failsafe",
-            Line::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
-            Line::Done(Ending::Over | Ending::ChecksFailed | Ending::ArmingRefused | Ending::ArmingLost) => {
+            SpokenLine::FliesOn => return self.said.say("is in the air: flying on".to_owned()),
+            SpokenLine::IsAtStart => return self.said.say("hovers at its start".to_owned()),
+            SpokenLine::Returns(_) => "returns",
+            SpokenLine::HandsOff(_) => "is overridden",
+            SpokenLine::Silent(_) => "is left to its GCS failsafe",
+            SpokenLine::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
+            SpokenLine::Done(Ending::Over) if self.home_m.is_some() => {
+                "is not taken off, and may be armed for some seconds"
+            }
+            SpokenLine::Done(Ending::Over | Ending::ChecksFailed | Ending::ArmingRefused | Ending::ArmingLost) => {
                 "is not flown"
             }
-            Line::Done(Ending::NoTakeOff) => "stays on the ground",
-            Line::Done(_) if self.end.is_empty() => "its mission is over",
-            Line::Done(_) => return self.said.say("is on the ground, disarmed".to_owned()),
+            SpokenLine::Done(Ending::NoTakeOff) => "stays on the ground",
+            SpokenLine::Done(_) if self.end.is_empty() => "its mission is over",
+            SpokenLine::Done(_) => return self.said.say("is on the ground, disarmed".to_owned()),
         };
         let why = match line {
-            Line::Returns(Ending::NoClimb) => "it does not reach its altitude within two minutes".to_owned(),
-            Line::Returns(Ending::NoStart) => "it does not reach its start within ten minutes".to_owned(),
-            Line::HandsOff(Control::Armed) => format!(
+            SpokenLine::Returns(Ending::NoClimb) => "it does not reach its altitude within two minutes".to_owned(),
+            SpokenLine::Returns(Ending::NoStart) => "it does not reach its start within ten minutes".to_owned(),
+            SpokenLine::HandsOff(TakenBy::Armed) => format!(
                 "it is armed ({mode}), by somebody else or by an earlier run: expected it on the ground, disarmed"
             ),
-            Line::HandsOff(Control::Mode) => format!("its mode changed to {mode}"),
-            Line::HandsOff(Control::Return) => {
+            SpokenLine::HandsOff(TakenBy::Mode) => format!("its mode changed to {mode}"),
+            SpokenLine::HandsOff(TakenBy::Return) => {
                 format!("it returns or lands by itself ({mode}): a failsafe, or a pilot")
             }
-            Line::HandsOff(Control::ReturnStopped) => {
+            SpokenLine::HandsOff(TakenBy::ReturnStopped) => {
                 format!("its return was stopped ({mode}): a failsafe, or a pilot")
             }
-            Line::Silent(Left::NoReturn) => "it does not return within half a minute".to_owned(),
-            Line::Silent(Left::Restarted) => {
+            SpokenLine::Silent(Left::NoReturn) => "it does not return within half a minute".to_owned(),
+            SpokenLine::Silent(Left::Restarted) => {
                 "the bridge was restarted between its command to arm and its mission, or in its return".to_owned()
             }
-            Line::Done(Ending::ChecksFailed) => self.preflight.missing.clone(),
-            Line::Done(Ending::ArmingRefused) => {
+            SpokenLine::Done(Ending::ChecksFailed) => self.preflight.missing.clone(),
+            SpokenLine::Done(Ending::ArmingRefused) => {
                 format!("it refuses to be armed: MAVLink result {}", self.outbox.result().unwrap_or_default())
             }
-            Line::Done(Ending::ArmingLost) => {
+            SpokenLine::Done(Ending::ArmingLost) => {
                 "it was not armed, or not ready to take off, 13 s after the command".to_owned()
             }
-            Line::Done(Ending::NoTakeOff) => "it does not take off within two minutes".to_owned(),
-            Line::Done(Ending::Disarmed) => "it has disarmed".to_owned(),
+            SpokenLine::Done(Ending::NoTakeOff) => "it does not take off within two minutes".to_owned(),
+            SpokenLine::Done(Ending::Disarmed) => "it has disarmed".to_owned(),
             _ => self.end.clone(),
         };
         let more = match line {
-            Line::HandsOff(Control::Armed) if !self.preflight.has_seen_down => "",
-            Line::HandsOff(_) => {
+            SpokenLine::HandsOff(TakenBy::Armed) if !self.preflight.has_seen_down => "",
+            SpokenLine::HandsOff(_) => {
                 ". The bridge gives it no more commands in this run, which goes on; Ctrl-C ends it, and with it the heartbeats \
                  for which its GCS failsafe waits"
             }
-            Line::Silent(_) => {
+            SpokenLine::Silent(_) => {
                 ". The bridge gives it no commands, and no heartbeats unless another vehicle at its address needs them"
             }
             _ => "",
         };
         self.said.say(format!("{what}: {why}{more}"));
-        if !matches!(line, Line::Returns(Ending::Over) | Line::Done(Ending::Over)) {
+        if !matches!(line, SpokenLine::Returns(Ending::Over) | SpokenLine::Done(Ending::Over)) {
             self.end = why;
         }
     }
@@ -130,7 +133,7 @@ impl VehicleControl {
                 "doubt",
                 does_not_agree,
                 SAID_S,
-                "its reports of mode and arming do not agree: it gets no commands".to_owned(),
+                "its reports of mode and arming do not agree: it gets no commands, and soon no heartbeats".to_owned(),
             ),
             ("stands", is_off && input.says_armed && is_on_ground, SAID_S, "stands on the ground, armed".to_owned()),
             (

@@ -9,12 +9,12 @@ mod model;
 #[path = "../it/storm.rs"]
 mod storm;
 
-use model::{Search, search};
+use model::{TableSearch, search};
 
 #[test]
 fn no_order_of_events_with_two_acts_and_a_crash_violates_a_property() {
     for takes_off_in_any_mode in [false, true] {
-        let found = search(Search::of(2, 1, 1, 1, takes_off_in_any_mode));
+        let found = search(TableSearch::of(2, 1, 1, 1, takes_off_in_any_mode));
         println!(
             "two acts and a crash, take-off in any mode {takes_off_in_any_mode}: {} states, {} edges",
             found.states, found.transitions
@@ -27,7 +27,7 @@ fn no_order_of_events_with_two_acts_and_a_crash_violates_a_property() {
 #[test]
 fn no_order_of_events_in_late_links_violates_a_property() {
     for takes_off_in_any_mode in [false, true] {
-        let found = search(Search::of(1, 1, 2, 2, takes_off_in_any_mode));
+        let found = search(TableSearch::of(1, 1, 2, 2, takes_off_in_any_mode));
         println!(
             "one act and a crash over late links, take-off in any mode {takes_off_in_any_mode}: {} states, {} edges",
             found.states, found.transitions

@@ -275,7 +275,7 @@ fn a_vehicle_that_is_not_heard_in_flight_is_left_to_its_gcs_failsafe() {
     flight.advance(4.0);
     assert!(is_left(&flight), "and gets no heartbeats");
     flight.frozen = None;
-    flight.advance(1.0);
+    flight.advance(2.5); // two reports
     assert!(!is_left(&flight));
 }
 

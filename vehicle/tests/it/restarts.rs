@@ -117,7 +117,7 @@ fn a_bridge_after_one_that_saved_nothing_flies_nobody_in_the_air() {
 fn what_cannot_be_read_is_not_armed() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("vehicles.json"), "[").unwrap();
-    let saved = SavedVehicles::of(folder.path(), 1);
+    let saved = SavedVehicles::of(folder.path(), 1, true);
     let mut flight = flight_over(AutopilotKind::ArduPilot);
     flight.restart_with(BEFORE_SLOT, saved.vehicles());
     flight.advance(60.0);

@@ -5,14 +5,14 @@ mod model;
 
 use std::sync::Arc;
 
-use model::{Search, search};
+use model::{TableSearch, search};
 use skysink_vehicle::autopilot::ModeMeaning;
-use skysink_vehicle::table::{Command, Ending, Height, Input, Line, Report, State, step};
+use skysink_vehicle::table::{Command, Ending, Height, Input, Report, SpokenLine, State, step};
 
 #[test]
 fn no_order_of_events_with_one_act_and_one_crash_violates_a_property() {
     for (takes_off_in_any_mode, states) in [(false, 35_404), (true, 41_275)] {
-        let found = search(Search::of(1, 1, 1, 1, takes_off_in_any_mode));
+        let found = search(TableSearch::of(1, 1, 1, 1, takes_off_in_any_mode));
         println!(
             "one act and a crash, take-off in any mode {takes_off_in_any_mode}: {} states, {} edges",
             found.states, found.transitions
@@ -22,7 +22,7 @@ fn no_order_of_events_with_one_act_and_one_crash_violates_a_property() {
     }
 }
 
-type Step = (State, &'static [Command], Option<Line>);
+type Step = (State, &'static [Command], Option<SpokenLine>);
 type Mutant = fn(State, &Input, Step) -> Step;
 
 /// Rows of the table that are changed, one in each.
@@ -34,14 +34,14 @@ const MUTANTS: [(&str, Mutant); 12] = [
     ("a found mode is waited over in a flight, and the vehicle is sent home", |state, input, right| {
         match (state, input.believed) {
             (State::Fly { .. }, Some(Report { mode: ModeMeaning::Other, is_armed: true })) if input.is_over => {
-                (State::Home { was_seen: false }, &[Command::Return], Some(Line::Returns(Ending::Over)))
+                (State::Home { was_seen: false }, &[Command::Return], Some(SpokenLine::Returns(Ending::Over)))
             }
             _ => right,
         }
     }),
     ("it is armed on the first report", |state, input, right| match state {
         State::Check { may_fly_on: false } if !input.says_armed && !input.is_over && input.is_new => {
-            (State::Arm { was_armed: false }, &[Command::Arm], Some(Line::Arming))
+            (State::Arm { was_armed: false }, &[Command::Arm], Some(SpokenLine::Arming))
         }
         _ => right,
     }),
@@ -98,7 +98,7 @@ fn a_table_with_a_changed_row_is_found() {
     for (what, mutant) in MUTANTS {
         let found = [false, true].into_iter().find_map(|takes_off_in_any_mode| {
             let table = Arc::new(move |state, input: &Input| mutant(state, input, step(state, input)));
-            model::first_violation(Search { table, ..Search::of(1, 1, 1, 1, takes_off_in_any_mode) })
+            model::first_violation(TableSearch { table, ..TableSearch::of(1, 1, 1, 1, takes_off_in_any_mode) })
         });
         let (states, name) = found.unwrap_or_else(|| panic!("not found: {what}"));
         println!("{what}: {name} after {states} states");

@@ -5,15 +5,15 @@
 use std::sync::Arc;
 
 use skysink_vehicle::autopilot::ModeMeaning;
-use skysink_vehicle::table::{Checks, Command, Failsafe, Height, Input, Line, Orders, Report, State, step};
+use skysink_vehicle::table::{Checks, Command, Failsafe, Height, Input, Orders, Report, SpokenLine, State, step};
 use stateright::{Checker, Model, Property};
 
 /// What the table is replaced by in mutants.
-pub type Table = Arc<dyn Fn(State, &Input) -> (State, Orders, Option<Line>) + Send + Sync>;
+pub type Table = Arc<dyn Fn(State, &Input) -> (State, Orders, Option<SpokenLine>) + Send + Sync>;
 
 /// What is searched.
 #[derive(Clone)]
-pub struct Search {
+pub struct TableSearch {
     /// Acts of the pilot, and crashes of the bridge, at most.
     pub acts: u8,
     pub crashes: u8,
@@ -26,7 +26,7 @@ pub struct Search {
     pub table: Table,
 }
 
-impl Search {
+impl TableSearch {
     pub fn of(acts: u8, crashes: u8, bag: usize, delay: u8, takes_off_in_any_mode: bool) -> Self {
         Self { acts, crashes, bag, delay, takes_off_in_any_mode, table: Arc::new(step) }
     }
@@ -62,7 +62,7 @@ pub struct Sent {
 
 /// The vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Vehicle {
+pub struct ModelVehicle {
     mode: Flies,
     is_armed: bool,
     height: Height,
@@ -71,8 +71,8 @@ pub struct Vehicle {
 
 /// Everything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct World {
-    vehicle: Vehicle,
+pub struct ModelWorld {
+    vehicle: ModelVehicle,
     /// Reports, orders, and the last refusal of an order to arm.
     reports: [Option<Sent>; 2],
     order: Option<Command>,
@@ -95,7 +95,7 @@ pub struct World {
 
 /// What may happen next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Event {
+pub enum ModelEvent {
     Report,
     Hear { index: usize, is_copied: bool, may_repeat: bool, crashes: bool },
     Lose { index: usize },
@@ -112,7 +112,7 @@ pub enum Event {
     Crash,
 }
 
-impl World {
+impl ModelWorld {
     fn report(&self) -> Report {
         Report { mode: self.vehicle.mode.meaning(), is_armed: self.vehicle.is_armed }
     }
@@ -137,7 +137,7 @@ impl World {
     }
 
     /// One step of the table, with the properties that hold of each.
-    fn step(&mut self, search: &Search, input: &Input, crashes: bool) {
+    fn step(&mut self, search: &TableSearch, input: &Input, crashes: bool) {
         let before = self.state;
         let (after, orders, line) = (search.table)(before, input);
         let is_end = |state| matches!(state, State::HandsOff | State::Silent | State::Done);
@@ -183,7 +183,7 @@ impl World {
         (self.last, self.is_believed, self.is_refused) = (None, false, false);
     }
 
-    fn hear(&mut self, search: &Search, index: usize, is_copied: bool, may_repeat: bool, crashes: bool) {
+    fn hear(&mut self, search: &TableSearch, index: usize, is_copied: bool, may_repeat: bool, crashes: bool) {
         let Some(sent) = self.reports[index] else { return };
         if !is_copied {
             self.reports[index] = None;
@@ -202,8 +202,8 @@ impl World {
         self.step(search, &input, crashes);
     }
 
-    fn obey(&mut self, search: &Search, order: Command, is_refused: bool) {
-        let Vehicle { mode, is_armed, height, climbs } = &mut self.vehicle;
+    fn obey(&mut self, search: &TableSearch, order: Command, is_refused: bool) {
+        let ModelVehicle { mode, is_armed, height, climbs } = &mut self.vehicle;
         match order {
             Command::Arm if is_refused => self.is_refused = true,
             Command::Arm if *height == Height::Ground => *is_armed = true,
@@ -243,7 +243,7 @@ impl World {
     }
 
     /// P5: without further acts the ground, a return, or a mode of a pilot is reached, also if no order arrives.
-    fn settles(mut self, search: &Search, is_deaf: bool) -> bool {
+    fn settles(mut self, search: &TableSearch, is_deaf: bool) -> bool {
         for _ in 0..60 {
             if let Some(order) = self.order.take().filter(|_| !is_deaf) {
                 self.obey(search, order, false);
@@ -274,13 +274,13 @@ impl World {
     }
 }
 
-impl Model for Search {
-    type State = World;
-    type Action = Event;
+impl Model for TableSearch {
+    type State = ModelWorld;
+    type Action = ModelEvent;
 
-    fn init_states(&self) -> Vec<World> {
-        let world = |mode, state| World {
-            vehicle: Vehicle { mode, is_armed: false, height: Height::Ground, climbs: false },
+    fn init_states(&self) -> Vec<ModelWorld> {
+        let world = |mode, state| ModelWorld {
+            vehicle: ModelVehicle { mode, is_armed: false, height: Height::Ground, climbs: false },
             reports: [None; 2],
             order: None,
             is_refused: false,
@@ -297,62 +297,62 @@ impl Model for Search {
         };
         let check = State::Check { may_fly_on: false };
         let mut resumed = world(Flies::Follows, State::Check { may_fly_on: true });
-        resumed.vehicle = Vehicle { is_armed: true, height: Height::Up, climbs: true, ..resumed.vehicle };
+        resumed.vehicle = ModelVehicle { is_armed: true, height: Height::Up, climbs: true, ..resumed.vehicle };
         let mut returning = world(Flies::Returns, check);
-        returning.vehicle = Vehicle { is_armed: true, height: Height::Low, ..returning.vehicle };
+        returning.vehicle = ModelVehicle { is_armed: true, height: Height::Low, ..returning.vehicle };
         vec![world(Flies::Found, check), world(Flies::Follows, check), resumed, returning]
     }
 
-    fn actions(&self, world: &World, actions: &mut Vec<Event>) {
-        actions.push(Event::Report);
+    fn actions(&self, world: &ModelWorld, actions: &mut Vec<ModelEvent>) {
+        actions.push(ModelEvent::Report);
         for (index, _) in world.reports.iter().enumerate().filter(|(_, report)| report.is_some()) {
-            actions.push(Event::Lose { index });
+            actions.push(ModelEvent::Lose { index });
             for (is_copied, may_repeat) in [(false, false), (false, true), (true, false), (true, true)] {
-                actions.push(Event::Hear { index, is_copied, may_repeat, crashes: false });
+                actions.push(ModelEvent::Hear { index, is_copied, may_repeat, crashes: false });
                 if world.crashes < self.crashes {
-                    actions.push(Event::Hear { index, is_copied, may_repeat, crashes: true });
+                    actions.push(ModelEvent::Hear { index, is_copied, may_repeat, crashes: true });
                 }
             }
         }
         if let Some(order) = world.order {
-            actions.push(Event::LoseOrder);
+            actions.push(ModelEvent::LoseOrder);
             for is_copied in [false, true] {
-                actions.push(Event::Obey { is_copied, is_refused: false });
+                actions.push(ModelEvent::Obey { is_copied, is_refused: false });
                 if order == Command::Arm {
-                    actions.push(Event::Obey { is_copied, is_refused: true });
+                    actions.push(ModelEvent::Obey { is_copied, is_refused: true });
                 }
             }
         }
         // An order to arm is not on its way any more when it is given up.
         if world.state.limit_s().is_some() && world.order != Some(Command::Arm) {
-            actions.push(Event::Late);
+            actions.push(ModelEvent::Late);
         }
         if !world.is_over {
-            actions.push(Event::End);
+            actions.push(ModelEvent::End);
         }
-        actions.push(Event::Move);
+        actions.push(ModelEvent::Move);
         if world.vehicle.is_armed && world.vehicle.height == Height::Ground {
-            actions.push(Event::Disarms);
+            actions.push(ModelEvent::Disarms);
         }
         if world.is_unheard() {
-            actions.push(Event::Failsafe);
+            actions.push(ModelEvent::Failsafe);
         }
         if world.acts < self.acts {
             let modes = [Flies::Found, Flies::Follows, Flies::Returns, Flies::Pilot];
-            actions.extend(modes.into_iter().filter(|mode| *mode != world.vehicle.mode).map(Event::Choose));
+            actions.extend(modes.into_iter().filter(|mode| *mode != world.vehicle.mode).map(ModelEvent::Choose));
             if world.vehicle.height == Height::Ground {
-                actions.push(if world.vehicle.is_armed { Event::Disarm } else { Event::Arm });
+                actions.push(if world.vehicle.is_armed { ModelEvent::Disarm } else { ModelEvent::Arm });
             }
         }
         if world.crashes < self.crashes {
-            actions.push(Event::Crash);
+            actions.push(ModelEvent::Crash);
         }
     }
 
-    fn next_state(&self, world: &World, event: Event) -> Option<World> {
+    fn next_state(&self, world: &ModelWorld, event: ModelEvent) -> Option<ModelWorld> {
         let mut next = *world;
         match event {
-            Event::Report => {
+            ModelEvent::Report => {
                 for report in &mut next.reports {
                     *report =
                         report.map(|sent| Sent { age: sent.age + 1, ..sent }).filter(|sent| sent.age <= self.delay);
@@ -360,45 +360,45 @@ impl Model for Search {
                 let free = next.reports[..self.bag].iter_mut().find(|report| report.is_none())?;
                 *free = Some(Sent { report: world.report(), acts: world.acts, age: 0 });
             }
-            Event::Hear { index, is_copied, may_repeat, crashes } => {
+            ModelEvent::Hear { index, is_copied, may_repeat, crashes } => {
                 next.hear(self, index, is_copied, may_repeat, crashes);
             }
-            Event::Lose { index } => next.reports[index] = None,
-            Event::Obey { is_copied, is_refused } => {
+            ModelEvent::Lose { index } => next.reports[index] = None,
+            ModelEvent::Obey { is_copied, is_refused } => {
                 let order = if is_copied { next.order } else { next.order.take() };
                 next.obey(self, order?, is_refused);
             }
-            Event::LoseOrder => next.order = None,
-            Event::Late => {
+            ModelEvent::LoseOrder => next.order = None,
+            ModelEvent::Late => {
                 let input = next.input(false, false, true);
                 next.step(self, &input, false);
             }
-            Event::End => next.is_over = true,
-            Event::Move => next.fly(),
-            Event::Disarms => (next.vehicle.is_armed, next.vehicle.climbs) = (false, false),
-            Event::Failsafe => next.vehicle.mode = Flies::Returns,
-            Event::Choose(mode) => {
+            ModelEvent::End => next.is_over = true,
+            ModelEvent::Move => next.fly(),
+            ModelEvent::Disarms => (next.vehicle.is_armed, next.vehicle.climbs) = (false, false),
+            ModelEvent::Failsafe => next.vehicle.mode = Flies::Returns,
+            ModelEvent::Choose(mode) => {
                 next.acts += 1;
                 next.shown = 0;
                 next.vehicle.mode = mode;
             }
-            Event::Arm => (next.acts, next.vehicle.is_armed) = (next.acts + 1, true),
-            Event::Disarm => {
+            ModelEvent::Arm => (next.acts, next.vehicle.is_armed) = (next.acts + 1, true),
+            ModelEvent::Disarm => {
                 (next.acts, next.vehicle.is_armed, next.vehicle.climbs) = (next.acts + 1, false, false);
             }
-            Event::Crash => next.crash(),
+            ModelEvent::Crash => next.crash(),
         }
         (next != *world).then_some(next)
     }
 
     fn properties(&self) -> Vec<Property<Self>> {
         vec![
-            Property::always("P1 to P4, P6", |_, world: &World| world.fault.is_none()),
-            Property::always("P5", |search: &Search, world: &World| {
+            Property::always("P1 to P4, P6", |_, world: &ModelWorld| world.fault.is_none()),
+            Property::always("P5", |search: &TableSearch, world: &ModelWorld| {
                 world.settles(search, false) && world.settles(search, true)
             }),
-            Property::sometimes("it flies", |_, world: &World| matches!(world.state, State::Fly { .. })),
-            Property::sometimes("it comes home", |_, world: &World| {
+            Property::sometimes("it flies", |_, world: &ModelWorld| matches!(world.state, State::Fly { .. })),
+            Property::sometimes("it comes home", |_, world: &ModelWorld| {
                 world.state == State::Done && world.arms > 0 && !world.vehicle.is_armed
             }),
         ]
@@ -407,7 +407,7 @@ impl Model for Search {
 
 /// What a search has found.
 #[derive(Debug)]
-pub struct Found {
+pub struct SearchResult {
     pub states: usize,
     pub transitions: usize,
     /// Properties that do not hold, with a path to where they do not.
@@ -415,7 +415,7 @@ pub struct Found {
 }
 
 /// Searches everything.
-pub fn search(search: Search) -> Found {
+pub fn search(search: TableSearch) -> SearchResult {
     let checker = search.checker().threads(2).spawn_bfs().join();
     let violations = checker
         .discoveries()
@@ -425,11 +425,11 @@ pub fn search(search: Search) -> Found {
         .collect();
     let missed = ["it flies", "it comes home"].into_iter().filter(|name| checker.discovery(name).is_none());
     assert_eq!(missed.collect::<Vec<_>>(), [""; 0], "the model is too small");
-    Found { states: checker.unique_state_count(), transitions: checker.state_count(), violations }
+    SearchResult { states: checker.unique_state_count(), transitions: checker.state_count(), violations }
 }
 
 /// The first property that is violated, with the number of states that were searched until then.
-pub fn first_violation(search: Search) -> Option<(usize, &'static str)> {
+pub fn first_violation(search: TableSearch) -> Option<(usize, &'static str)> {
     let checker = search.checker().finish_when(stateright::HasDiscoveries::AnyFailures).spawn_bfs().join();
     let name = checker.discoveries().into_keys().find(|name| name.starts_with('P'))?;
     Some((checker.unique_state_count(), name))
