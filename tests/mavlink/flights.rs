@@ -2,7 +2,6 @@
 
 use std::net::UdpSocket;
 
-use crate::support::flight::RunningFlight;
 use crate::support::vehicles::{SLOW, TestVehicle};
 use crate::support::{Place, csv_rows};
 use rustix::process::Signal;
