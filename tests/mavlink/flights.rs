@@ -144,8 +144,10 @@ pub fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
     vehicle.until("arming", |copter| copter.is_armed);
     vehicle.act(|copter| copter.disarm());
     let ended = run.wait().assert_code(1);
-    let says = "flight-sim: vehicle 1: its mission was over before it began: it has disarmed: no slot was flown";
-    assert!(ended.stderr.contains(says), "{ended:?}");
+    // At 20 times real time, a heartbeat may not have shown that it was armed.
+    let says = "flight-sim: vehicle 1: its mission was over before it began: ";
+    let is_said = |why| ended.stderr.contains(&format!("{says}{why}"));
+    assert!(is_said("it has disarmed: no slot was flown") || is_said("it was not armed, or not ready"), "{ended:?}");
 }
 
 pub fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
