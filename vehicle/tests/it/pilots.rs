@@ -119,7 +119,8 @@ fn a_run_that_is_stopped_leaves_a_vehicle_on_the_ground_there_and_sends_one_in_t
 /// phase.
 #[test]
 fn a_pilot_takes_each_phase_by_each_mode() {
-    let phases: [(&str, fn(&ClosedLoop) -> bool); 5] = [
+    type IsThere = fn(&ClosedLoop) -> bool;
+    let phases: [(&str, IsThere); 5] = [
         ("arming", |flight| flight.copter.is_armed),
         ("climb", |flight| flight.copter.body.position_m.z > 8.0),
         ("start", |flight| count(flight, "has taken off") > 0),
