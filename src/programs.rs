@@ -1,5 +1,5 @@
-//! The entry points of the programs. The executable `skysink` contains all of them: its first argument may be the name of
-//! one.
+//! The entry points of the programs. The executable `skysink` contains all of them: its first argument may be the name
+//! of one.
 
 #[cfg(feature = "viewer")]
 mod viewer;

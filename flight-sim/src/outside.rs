@@ -14,7 +14,7 @@ use crate::fleet::Fleet;
 /// A slot ends at the waypoint if it ends this near to it [m]; farther away the vehicle is en route.
 pub const REACHED_M: f64 = 2.0;
 
-/// A position farther than this from the area, or over MAVLink from the start, is not believed [m]. Nearer, a vehicle
+/// A position farther than this from the area is not believed [m]. Nearer, a vehicle
 /// may be anywhere: a lost link may have hidden a long flight, and a run may be resumed from elsewhere.
 pub const ASTRAY_M: f64 = 1e5;
 

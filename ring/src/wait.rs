@@ -93,8 +93,8 @@ impl Waiting {
     }
 }
 
-/// The signals that end a process in order: Ctrl-C, a request to end, and, unless it is ignored as under `nohup`, the end of
-/// its terminal.
+/// The signals that end a process in order: Ctrl-C, a request to end, and, unless it is ignored as under `nohup`, the
+/// end of its terminal.
 fn ending_signals() -> impl Iterator<Item = i32> {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
@@ -102,8 +102,8 @@ fn ending_signals() -> impl Iterator<Item = i32> {
     [SIGINT, SIGTERM].into_iter().chain((!is_ignored).then_some(SIGHUP))
 }
 
-/// A [`Stop`] that SIGINT, SIGTERM and the end of the terminal (SIGHUP) request. From here on, a write beyond the limit `ulimit -f` is an error instead
-/// of the end of the process without a word.
+/// A [`Stop`] that SIGINT, SIGTERM and the end of the terminal (SIGHUP) request. From here on, a write beyond the limit
+/// `ulimit -f` is an error instead of the end of the process without a word.
 ///
 /// # Panics
 /// If the signal handlers cannot be installed.
@@ -347,8 +347,8 @@ impl WaitContext {
         Ok(())
     }
 
-    /// Keeps the heartbeat going while a computation of this process polls the stop request, until the process leaves the
-    /// ring: one that takes long is not one that hangs.
+    /// Keeps the heartbeat going while a computation of this process polls the stop request, until the process leaves
+    /// the ring: one that takes long is not one that hangs.
     pub fn beat_while_computing(&self) {
         let Some(lock) = self.role_lock.as_ref().map(Arc::downgrade) else { return };
         let stop = self.stop.clone();

@@ -1,6 +1,6 @@
-//! Real autopilots in their own simulators, whose executables the environment names: `SKYSINK_PX4` (the folder of a build
-//! for SITL, with `bin/px4` and `etc`) and `SKYSINK_ARDUCOPTER` (the executable; its defaults by `SKYSINK_ARDUCOPTER_PARM`).
-//! Without them each test says that it is skipped.
+//! Real autopilots in their own simulators, whose executables the environment names: `SKYSINK_PX4` (the folder of a
+//! build for SITL, with `bin/px4` and `etc`) and `SKYSINK_ARDUCOPTER` (the executable; its defaults by
+//! `SKYSINK_ARDUCOPTER_PARM`). Without them each test says that it is skipped.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -160,7 +160,8 @@ fn fly(
     kind: Kind,
     act: impl FnOnce(&mut Autopilot, &crate::support::flight::RunningFlight<'_>),
 ) -> Option<(Output, Place)> {
-    let (place, folder) = (Place::new(), tempfile::tempdir().unwrap());
+    let place = Place::new();
+    let folder = tempfile::tempdir().unwrap();
     let mut autopilot = Autopilot::start(kind, folder.path())?;
     place.write("real.toml", FIELD);
     let flight = place.flight("real").without_viewer().pace(&format!("{PACE}x")).vehicle(&autopilot.address());

@@ -43,8 +43,8 @@ pub struct Altitudes {
 }
 
 impl Altitudes {
-    /// The altitudes above `reference`, by default the ground below if the list has hills and the `autopilot` accepts that
-    /// frame, and otherwise home. The ground at home is `home_ground_m` [m] if it is given.
+    /// The altitudes above `reference`, by default the ground below if the list has hills and the `autopilot` accepts
+    /// that frame, and otherwise home. The ground at home is `home_ground_m` [m] if it is given.
     ///
     /// # Errors
     /// If they are to be above sea level or the ground at home is given, and the list has no altitudes.

@@ -28,7 +28,8 @@ pub struct MavlinkItem {
     pub params: [f64; 7],
 }
 
-/// How near to a waypoint the vehicle has been at it [m]: by default a PX4 passes 10 m away in some releases, ArduCopter 2.
+/// How near to a waypoint the vehicle has been at it [m]: by default a PX4 passes 10 m away in some releases,
+/// ArduCopter 2.
 const ACCEPTANCE_M: f64 = 2.0;
 
 /// `MAV_FRAME_MISSION`, of items without a position.

@@ -20,8 +20,8 @@ pub struct VehicleMissionOptions {
     /// files [default: 500].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
     pub most_items: Option<u32>,
-    /// What the altitudes of a vehicle mission are above [default: terrain for ardupilot if the ground_m of the sensor list
-    /// differ, otherwise relative].
+    /// What the altitudes of a vehicle mission are above [default: terrain for ardupilot if the ground_m of the sensor
+    /// list differ, otherwise relative].
     #[arg(long, value_name = "ABOVE")]
     pub altitude: Option<AltitudeReference>,
     /// The ground at home [m], above what the ground_m of the sensor list are above [default: as low as they allow].

@@ -39,7 +39,8 @@ pub struct VehicleMission {
     pub return_m: Option<f64>,
     /// The waypoints of the flight.
     pub flown: Vec<VehicleStop>,
-    /// The waypoints of the mission: those of the flight that `--min-bits` keeps, and the bends of new ways between them.
+    /// The waypoints of the mission: those of the flight that `--min-bits` keeps, and the bends of new ways between
+    /// them.
     pub stops: Vec<VehicleStop>,
 }
 

@@ -13,7 +13,7 @@ pub enum Imitated {
     Px4,
 }
 
-/// Flight modes, by ArduCopter's numbers.
+/// Flight modes, by ArduCopter's numbers but [`TakeOff`](Self::TakeOff).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, FromRepr, ValueEnum)]
 #[repr(u32)]
 pub enum CopterMode {

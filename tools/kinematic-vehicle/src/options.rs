@@ -57,7 +57,8 @@ pub struct KinematicOptions {
     /// Time after take-off at which a failsafe returns the vehicle [s].
     #[arg(long, value_name = "S", value_parser = positive())]
     pub failsafe_at: Option<f64>,
-    /// FS_GCS_ENABLE or, of PX4, NAV_DLL_ACT: it returns when the bridge is silent, unless it is 0 [default: 1, of PX4 2].
+    /// FS_GCS_ENABLE or, of PX4, NAV_DLL_ACT: it returns when the bridge is silent, unless it is 0 [default: 1, of PX4
+    /// 2].
     #[arg(long, value_name = "0..7", value_parser = clap::value_parser!(u8).range(0..=7))]
     pub gcs_failsafe: Option<u8>,
     /// FS_GCS_TIMEOUT, or COM_DL_LOSS_T: how long the bridge is silent before it returns [s].

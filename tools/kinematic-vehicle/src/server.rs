@@ -102,8 +102,8 @@ struct LinkedCopter {
     texts: u16,
 }
 
-/// Flies until `stop`. Shows the vehicles, in the order of their systems, to `seen` about every millisecond, which may be
-/// their pilot.
+/// Flies until `stop`. Shows the vehicles, in the order of their systems, to `seen` about every millisecond, which may
+/// be their pilot.
 ///
 /// # Errors
 /// If the connection cannot be opened.

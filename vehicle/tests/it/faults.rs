@@ -36,7 +36,8 @@ fn a_pilot_who_goes_back_to_the_found_mode_in_the_climb_keeps_the_vehicle() {
     }
 }
 
-/// H2: a pilot who flips back on the ground, 0.15 to 1.7 s after the mode that follows; at 1, 4 and 10 heartbeats a second.
+/// H2: a pilot who flips back on the ground, 0.15 to 1.7 s after the mode that follows; at 1, 4 and 10 heartbeats a
+/// second.
 #[test]
 fn a_pilot_who_flips_back_on_the_ground_is_not_taken_off() {
     for (autopilot, heartbeat_s) in [1.0, 0.24, 0.1].into_iter().flat_map(|period_s| KINDS.map(|kind| (kind, period_s)))

@@ -364,7 +364,8 @@ impl ClosedLoop {
 
     /// Its heartbeat.
     pub fn heartbeat(&self, is_armed: bool) -> Telemetry {
-        let (mode, is_critical) = (self.copter.mode_number(), self.copter.is_critical());
+        let mode = self.copter.mode_number();
+        let is_critical = self.copter.is_critical();
         Telemetry::Heartbeat { autopilot: self.autopilot, mode, is_armed, is_critical }
     }
 

@@ -75,7 +75,8 @@ fn a_vehicle_that_is_disarmed_while_its_motors_spool_up_is_not_armed_again() {
             assert!(!flight.bridge.has_begun());
             let refusal = flight.bridge.check_flyable().unwrap_err();
             let why = refusal.why.to_string();
-            let ends = ["it has disarmed", "it was not armed, or not ready to take off, 13 s after the command"]; // the second if no heartbeat has shown it
+            // The second if no heartbeat has shown it.
+            let ends = ["it has disarmed", "it was not armed, or not ready to take off, 13 s after the command"];
             let expected = ends.map(|end| format!("its mission was over before it began: {end}: no slot was flown"));
             assert!(refusal.number == 1 && expected.contains(&why), "{why}");
         }

@@ -1,5 +1,5 @@
-//! Every order of events around the table, with one act of the pilot and one crash of the bridge; two acts are in the long
-//! tests.
+//! Every order of events around the table, with one act of the pilot and one crash of the bridge; two acts are in the
+//! long tests.
 
 mod model;
 

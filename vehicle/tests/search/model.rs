@@ -88,7 +88,8 @@ pub struct ModelWorld {
     shown: u8,
     /// Orders to arm that were sent.
     arms: u8,
-    /// Whether somebody else than the bridge has control, or the vehicle was off after it was armed, as the bridge has heard.
+    /// Whether somebody else than the bridge has control, or the vehicle was off after it was armed, as the bridge has
+    /// heard.
     is_lost: bool,
     fault: Option<&'static str>,
 }
