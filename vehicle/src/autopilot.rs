@@ -1,4 +1,5 @@
-//! How autopilots differ: the numbers and names of their modes, their altitudes, and the parameter of their GCS failsafe.
+//! How autopilots differ: the numbers and names of their modes, their altitudes, and the parameter of their GCS
+//! failsafe.
 
 use serde::{Deserialize, Serialize};
 
@@ -136,8 +137,8 @@ impl AutopilotKind {
         }
     }
 
-    /// What its mode number `mode` means. Modes that an autopilot takes itself belong to those of the command before: Takeoff
-    /// and then Hold of PX4 in a climb, Land at the end of a return.
+    /// What its mode number `mode` means. Modes that an autopilot takes itself belong to those of the command before:
+    /// Takeoff and then Hold of PX4 in a climb, Land at the end of a return.
     #[must_use]
     pub fn meaning(self, mode: u32) -> ModeMeaning {
         match self {

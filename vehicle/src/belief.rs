@@ -4,8 +4,8 @@
 use crate::autopilot::ModeMeaning;
 use crate::table::Report;
 
-/// Reports in a row that say that it is disarmed, and over what time [s], before that is believed: copies of old ones come
-/// at once. The second is that of vehicles with one heartbeat a second.
+/// Reports in a row that say that it is disarmed, and over what time [s], before that is believed: copies of old ones
+/// come at once. The second is that of vehicles with one heartbeat a second.
 const DISARMED: [(u32, f64); 2] = [(3, 0.3), (2, 0.9)];
 
 /// The last reports of a vehicle.
@@ -22,8 +22,8 @@ pub struct ReportBelief {
     believed_s: Option<f64>,
     /// Whether a report has come that counts since the last call of [`take_new`](Self::take_new).
     is_new: bool,
-    /// What was believed since then, if that was not an armed vehicle in the mode that follows, and whether any report has
-    /// said that it is armed: several reports may come at once.
+    /// What was believed since then, if that was not an armed vehicle in the mode that follows, and whether any report
+    /// has said that it is armed: several reports may come at once.
     missed: Option<Report>,
     said_armed: bool,
 }
@@ -34,8 +34,8 @@ impl ReportBelief {
         self.hear_weighed(report, 1, now_s);
     }
 
-    /// Takes in a report of the mode alone. On the ground, or of a vehicle that has said that it is disarmed, it may cast a
-    /// doubt, and confirms nothing: it comes before the heartbeat that says whether the vehicle is armed.
+    /// Takes in a report of the mode alone. On the ground, or of a vehicle that has said that it is disarmed, it may
+    /// cast a doubt, and confirms nothing: it comes before the heartbeat that says whether the vehicle is armed.
     pub fn hear_mode(&mut self, mode: ModeMeaning, is_on_ground: bool, now_s: f64) {
         if let Some(last) = self.last {
             self.hear_weighed(Report { mode, ..last }, u32::from(last.is_armed && !is_on_ground), now_s);
@@ -86,16 +86,16 @@ impl ReportBelief {
         now_s - self.heard_s.unwrap_or(0.0)
     }
 
-    /// Whether a report has come since the last call, what was believed meanwhile other than that the vehicle follows, and
-    /// whether any report has said that it is armed.
+    /// Whether a report has come since the last call, what was believed meanwhile other than that the vehicle follows,
+    /// and whether any report has said that it is armed.
     pub fn take_new(&mut self) -> (bool, Option<Report>, bool) {
         let is_armed = self.last.is_some_and(|report| report.is_armed);
         let said_armed = std::mem::replace(&mut self.said_armed, is_armed);
         (std::mem::take(&mut self.is_new), self.missed.take(), said_armed)
     }
 
-    /// Believes nothing any more: two new reports have to agree. How long none has come is not forgotten, unless nobody has
-    /// listened until `heard_s` [s].
+    /// Believes nothing any more: two new reports have to agree. How long none has come is not forgotten, unless nobody
+    /// has listened until `heard_s` [s].
     pub fn doubt(&mut self, heard_s: Option<f64>) {
         let since = |before: Option<f64>| heard_s.filter(|_| before.is_some()).or(before);
         *self = Self { heard_s: since(self.heard_s), believed_s: since(self.believed_s), ..Self::default() };

@@ -24,8 +24,8 @@ const DEFAULT_BATTERY: f64 = 0.3;
 /// Energy below which a vehicle returns in a scenario without a battery, as a fraction of its capacity.
 const DEFAULT_LOW_BATTERY: f64 = 0.15;
 
-/// Time without a plan after which the vehicles return [s], and in slots: the longer of the two. It is measured by clock,
-/// as a run that stands still ends no slots.
+/// Time without a plan after which the vehicles return [s], and in slots: the longer of the two. It is measured by
+/// clock, as a run that stands still ends no slots.
 const PATIENCE_S: f64 = 30.0;
 const PATIENCE_SLOTS: f64 = 3.0;
 
@@ -143,8 +143,8 @@ pub struct Bridge {
 
 impl Bridge {
     /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the
-    /// starts, or where a run that is resumed has left them, in the states that were `saved`, if any were. `own` are the
-    /// sides of the bridge on their links.
+    /// starts, or where a run that is resumed has left them, in the states that were `saved`, if any were. `own` are
+    /// the sides of the bridge on their links.
     #[must_use]
     pub fn new(
         scenario: &Scenario,
@@ -307,9 +307,10 @@ impl Bridge {
     /// # Errors
     /// If a vehicle waits at its start for another for too long.
     fn check_patience(&mut self, now_s: f64) -> Result<(), VehicleRefusal> {
-        let hovers = |member: &Member| member.has_begun && matches!(member.control.state(), State::Fly { .. });
-        let is_over = self.members.iter().any(|member| !member.control.end().is_empty());
-        if !is_over && !self.has_begun() && self.members.iter().any(hovers) {
+        let flies_on =
+            |control: &VehicleControl| matches!(control.state(), State::Fly { .. }) && control.end().is_empty();
+        let hovers = |member: &Member| member.has_begun && flies_on(&member.control);
+        if !self.has_begun() && self.members.iter().any(hovers) {
             let waiting_s = *self.waiting_s.get_or_insert(now_s);
             let mut awaited = (1..).zip(&self.members).filter(|(_, member)| member.is_awaited());
             if let Some((number, _)) = awaited.next().filter(|_| now_s - waiting_s > COMPANY_S) {

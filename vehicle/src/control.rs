@@ -33,11 +33,12 @@ const HOVER_MPS: f64 = 0.5;
 /// Time without a mode that is believed after which a vehicle gets no heartbeats until there is one [s].
 const UNHEARD_S: f64 = 10.0;
 
-/// How far the altitude of home may be from what the vehicle reports of it [m]: an autopilot corrects it by some metres.
+/// How far the altitude of home may be from what the vehicle reports of it [m]: an autopilot corrects it by some
+/// metres.
 const HOME_SLACK_M: f64 = 30.0;
 
-/// Time between two calls of a vehicle that was never heard, longer than any GCS failsafe waits (PX4: up to 300 s), and how
-/// long one takes [s].
+/// Time between two calls of a vehicle that was never heard, longer than any GCS failsafe waits (PX4: up to 300 s), and
+/// how long one takes [s].
 const CALL_EVERY_S: f64 = 310.0;
 const CALL_S: f64 = 0.3;
 
@@ -91,6 +92,8 @@ pub struct VehicleControl {
     home_m: Option<f64>,
     /// Why its mission is to end, or has ended, in a sentence about "it"; empty before.
     end: String,
+    /// Whether it was armed when it was heard first: it is somebody else's.
+    was_found_armed: bool,
     said: Said,
 }
 
@@ -115,6 +118,7 @@ impl VehicleControl {
             waypoint: (state == State::Fly { has_begun: false }).then(|| Waypoint::at(start)),
             home_m,
             end: String::new(),
+            was_found_armed: false,
             said: Said::default(),
         }
     }
@@ -238,8 +242,8 @@ impl VehicleControl {
         }
     }
 
-    /// Ends its mission before it flies, because of `why`. One that the run before may have left in the air gets no commands
-    /// and no heartbeats.
+    /// Ends its mission before it flies, because of `why`. One that the run before may have left in the air gets no
+    /// commands and no heartbeats.
     pub fn refuse(&mut self, why: &str) {
         if let State::Check { may_fly_on } = self.state {
             self.state = if may_fly_on { State::Silent } else { State::Done };
@@ -247,8 +251,8 @@ impl VehicleControl {
         }
     }
 
-    /// Advances to `now_s` [s], by one step of the table; adds the orders that are due to `orders`. Whether `are_all_checked`
-    /// is the same for all vehicles. Returns why it has ended before it was armed, if that is new.
+    /// Advances to `now_s` [s], by one step of the table; adds the orders that are due to `orders`. Whether
+    /// `are_all_checked` is the same for all vehicles. Returns why it has ended before it was armed, if that is new.
     pub fn poll(&mut self, now_s: f64, are_all_checked: bool, orders: &mut Vec<Order>) -> Option<PreflightRefusal> {
         if self.state.is_ours() {
             orders.extend(self.vehicle.requests(now_s));
@@ -267,17 +271,18 @@ impl VehicleControl {
         let (state, commands, line) = step(before, &input);
         if std::mem::discriminant(&state) != std::mem::discriminant(&before) {
             self.since_s = now_s;
+            self.begin(state, now_s);
         }
         self.state = state;
         line.into_iter().for_each(|line| self.say_line(line));
-        if state != before {
-            self.begin(state, now_s);
-        }
         commands.iter().for_each(|command| self.command(*command, now_s, orders));
         self.say_what_lasts(&input, now_s);
         let is_down = input.believed.is_some_and(|report| !report.is_armed);
         self.preflight.has_seen_down |= matches!(before, State::Check { .. }) && is_down;
-        // Somebody who arms it while the bridge waits flies it, with heartbeats; one that is found armed is no vehicle to fly.
+        self.was_found_armed |=
+            matches!(before, State::Check { .. }) && state == State::HandsOff && !self.preflight.has_seen_down;
+        // Somebody who arms it while the bridge waits flies it, with heartbeats; one that is found armed is no vehicle
+        // to fly.
         let is_kept = state == State::HandsOff && self.preflight.has_seen_down;
         let was_refused = matches!(before, State::Check { .. }) && !state.is_ours() && !input.is_over && !is_kept;
         was_refused.then(|| PreflightRefusal(self.end.clone()))
@@ -294,14 +299,16 @@ impl VehicleControl {
     fn input(&mut self, checks: Checks, are_all_checked: bool, now_s: f64) -> Input {
         let (is_new, missed, says_armed) = self.vehicle.belief.take_new();
         let above_home_m = self.position().map(|position| position.z);
+        let believed = self.vehicle.believed(now_s);
+        let missed = missed.filter(|_| !self.vehicle.is_lost(now_s));
         let height = match above_home_m {
             _ if self.vehicle.is_on_ground(now_s) => Height::Ground,
             Some(z_m) if z_m > self.assignment.start.z - CLIMBED_M && !self.vehicle.takes_off() => Height::Up,
             _ => Height::Low,
         };
         Input {
-            believed: missed.filter(|_| !self.vehicle.is_lost(now_s)).or_else(|| self.vehicle.believed(now_s)),
-            is_new,
+            believed: missed.or(believed),
+            is_new: is_new && (missed.is_none() || missed == believed), // nothing is ordered on what was contradicted since
             says_armed,
             height,
             is_placed: self.has_current_position(now_s),
@@ -350,11 +357,10 @@ impl VehicleControl {
         is_near && is_slow && self.has_current_position(now_s)
     }
 
-    /// Whether it gets heartbeats. A vehicle that may be in the air gets none if its GCS failsafe has to bring it home: the
-    /// bridge does not fly it, and nobody else is known to, or it was not heard for long.
+    /// Whether it gets heartbeats. A vehicle that may be in the air gets none if its GCS failsafe has to bring it home:
+    /// the bridge does not fly it, and nobody else is known to, or it was not heard for long.
     pub fn heartbeats(&self, now_s: f64) -> Heartbeats {
         let is_called = self.vehicle.autopilot.is_none() && now_s % CALL_EVERY_S < CALL_S;
-        let may_fly = self.state != State::Check { may_fly_on: false };
         let is_withheld = match self.state {
             State::Done if !self.vehicle.says_armed() => return Heartbeats::Idle,
             State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows), // else somebody flies it again
@@ -363,7 +369,8 @@ impl VehicleControl {
             State::Check { may_fly_on: false } if self.vehicle.autopilot.is_some() && !self.preflight.has_seen_down => {
                 true
             }
-            _ => may_fly && self.vehicle.belief.doubt_s(now_s) >= UNHEARD_S && !is_called,
+            State::HandsOff if self.was_found_armed => true,
+            _ => self.state.may_fly() && self.vehicle.belief.doubt_s(now_s) >= UNHEARD_S && !is_called,
         };
         if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }
     }
@@ -419,8 +426,8 @@ impl VehicleControl {
         self.waypoint.map(|waypoint| waypoint.at).filter(|_| matches!(self.state, State::Fly { .. }))
     }
 
-    /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds. What the
-    /// bridge before has saved counts only if it is near what the vehicle reports.
+    /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds.
+    /// What the bridge before has saved counts only if it is near what the vehicle reports.
     pub fn home_m(&self) -> Option<f64> {
         let reported_m = self.vehicle.home_m();
         let is_near = |home_m: &f64| reported_m.is_some_and(|reported_m| (home_m - reported_m).abs() < HOME_SLACK_M);
@@ -432,8 +439,8 @@ impl VehicleControl {
         self.home_m
     }
 
-    /// Where it is [m]; `None` if that was never known. Its altitude is above its home as it was when it was armed, if its
-    /// waypoints are.
+    /// Where it is [m]; `None` if that was never known. Its altitude is above its home as it was when it was armed, if
+    /// its waypoints are.
     pub fn position(&self) -> Option<Point3<f64>> {
         let fix = self.vehicle.fix()?;
         let position = self.assignment.frame.position(fix)?;

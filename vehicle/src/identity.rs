@@ -50,10 +50,10 @@ struct Heard {
     heard_s: f64,
     /// Another address that has sent for its system.
     second: Option<SocketAddr>,
-    /// Its last position, and when that was heard [s].
-    fix: Option<(Fix, f64)>,
-    /// Whether its type and its address are believed for good, as it is flown: ArduCopter tells its own type only after a
-    /// while.
+    /// Its last position.
+    fix: Option<Fix>,
+    /// Whether its type and its address are believed for good, as it is flown: ArduCopter tells its own type only after
+    /// a while.
     is_fixed: bool,
 }
 
@@ -129,9 +129,9 @@ impl Vehicles {
     }
 
     /// Takes in where `system` is.
-    pub fn locate(&mut self, system: u8, fix: &Fix, now_s: f64) {
+    pub fn locate(&mut self, system: u8, fix: &Fix) {
         if let Some(heard) = self.heard.get_mut(&system) {
-            heard.fix = Some((*fix, now_s));
+            heard.fix = Some(*fix);
         }
     }
 
@@ -184,7 +184,7 @@ impl Vehicles {
             return Ok(());
         }
         let row = |(system, heard): (&u8, &Heard)| {
-            let place = heard.fix.as_ref().and_then(|(fix, _)| away(fix));
+            let place = heard.fix.as_ref().and_then(&away);
             let place =
                 place.map_or("at an unknown place".to_owned(), |away_m| format!("{away_m:.0} m from the start"));
             format!("system {system} ({}, {place})", name(heard.kind))
@@ -277,7 +277,7 @@ mod tests {
             heading_deg: 0.0,
             boot_s: 0.0,
         };
-        two.locate(3, &fix, 0.0);
+        two.locate(3, &fix);
         let expected = "2 vehicles at its address: system 1 (ground rover, at an unknown place), system 3 (quadrotor, 12 m \
                         from the start): expected one, or ?system=N behind the address";
         assert_eq!(two.choose(None, 9.0, |_| Some(12.3)), Err(expected.to_owned()));

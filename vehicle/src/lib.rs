@@ -1,12 +1,13 @@
 //! A bridge to vehicles that speak MAVLink, in the place of flight-sim.
 //!
-//! [`table`] decides, [`control`] and [`bridge`] lead to it what vehicles say, [`link`], [`codec`] and [`wire`] know MAVLink,
-//! [`node`] knows iceoryx2.
+//! [`table`] decides, [`control`] and [`bridge`] lead to it what vehicles say, [`link`], [`codec`] and [`wire`] know
+//! MAVLink, [`node`] knows iceoryx2.
 
 pub mod apart;
 pub mod autopilot;
 pub mod belief;
 pub mod bridge;
+pub mod clock;
 pub mod codec;
 pub mod control;
 pub mod frame;

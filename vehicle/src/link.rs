@@ -143,8 +143,8 @@ impl Link {
         route.system.is_none().then(|| &self.connections[route.connection].address)
     }
 
-    /// Names the vehicles that the bridge before has chosen, each with whether it was armed: those that were are no others.
-    /// They get heartbeats where that bridge has heard them, before they are heard again.
+    /// Names the vehicles that the bridge before has chosen, each with whether it was armed: those that were are no
+    /// others. They get heartbeats where that bridge has heard them, before they are heard again.
     pub fn name(&mut self, chosen: impl Iterator<Item = (Option<ChosenVehicle>, bool)>) {
         for (route, (vehicle, was_armed)) in self.routes.iter_mut().zip(chosen) {
             route.named = route.named.or(vehicle.filter(|_| was_armed).map(|vehicle| vehicle.system));
@@ -234,7 +234,7 @@ impl Link {
         }
         let vehicles = &mut self.connections[index].vehicles;
         if let Some(fix) = fix {
-            vehicles.locate(system, fix, now_s);
+            vehicles.locate(system, fix);
         }
         if let MavMessage::HEARTBEAT(heartbeat) = message
             && !vehicles.is_of_type(system, heartbeat)
@@ -285,9 +285,9 @@ impl Link {
         }
     }
 
-    /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before has
-    /// heard them, or at the address of the connection. Where none is due, none is sent while one is withheld on the
-    /// connection, `of` the numbers of UAVs from 0: they may be one address.
+    /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before
+    /// has heard them, or at the address of the connection. Where none is due, none is sent while one is withheld on
+    /// the connection, `of` the numbers of UAVs from 0: they may be one address.
     pub fn send_heartbeats(&self, of: impl Fn(usize) -> Heartbeats) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,

@@ -16,16 +16,16 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Ring, boot_ns, is_release, monotonic_ns};
+use skysink_ring::topics::{Ring, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
 use crate::apart;
 use crate::bridge::{Beginning, Bridge, OwnSide, VehicleRefusal, start};
+use crate::clock::{Attention, VehicleClock};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
 use crate::saved::{SavedVehicle, SavedVehicles};
-use crate::table::State;
 use crate::telemetry::Order;
 use crate::wire::{WireAddress, check_addresses};
 
@@ -48,13 +48,8 @@ const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 /// How long the bridge waits for the landing of vehicles that are not heard.
 const UNHEARD: Duration = Duration::from_mins(10);
 
-/// Time after which messages that wait are out of date: the bridge was suspended, or its machine.
-const STALE: Duration = Duration::from_secs(1);
-
-/// Time after that in which messages may still have waited somewhere.
-const SETTLED: Duration = Duration::from_millis(300);
-
-/// Time that the vehicles wait at least for the first plan, of the clock of this machine: its processes need time to start.
+/// Time that the vehicles wait at least for the first plan, of the clock of this machine: its processes need time to
+/// start.
 const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
@@ -95,51 +90,6 @@ pub fn run<S: Service + 'static>(
 
 /// The last slots flown, with their flights.
 type Flown = [(u64, ByUav<FlightReport>)];
-
-/// The time of the vehicles, on the clock of [`boot_ns`]: it goes on while this machine is suspended.
-#[derive(Debug, Clone, Copy)]
-struct VehicleClock {
-    begin_ns: u64,
-    /// Seconds of the vehicles in a second.
-    factor: f64,
-}
-
-impl VehicleClock {
-    /// Time since the start of the process [s], of this machine.
-    fn elapsed_s(&self) -> f64 {
-        Duration::from_nanos(boot_ns() - self.begin_ns).as_secs_f64()
-    }
-
-    /// The same of the vehicles.
-    fn now_s(&self) -> f64 {
-        self.elapsed_s() * self.factor
-    }
-}
-
-/// Whether messages may have waited while the bridge was suspended, on the clock of [`boot_ns`].
-#[derive(Debug, Clone, Copy)]
-struct Attention {
-    /// When messages were taken in last [ns].
-    polled_ns: u64,
-    /// Until when they may have waited [ns].
-    stale_until_ns: u64,
-}
-
-impl Attention {
-    /// Notes that messages are taken in now. Returns how long the bridge was suspended before, if it was.
-    fn poll(&mut self) -> Option<Duration> {
-        let before_ns = std::mem::replace(&mut self.polled_ns, boot_ns());
-        let suspended = Some(Duration::from_nanos(self.polled_ns - before_ns)).filter(|pause| *pause > STALE);
-        if suspended.is_some() {
-            self.stale_until_ns = self.polled_ns + SETTLED.as_nanos() as u64;
-        }
-        suspended
-    }
-
-    fn is_stale(&self) -> bool {
-        self.polled_ns < self.stale_until_ns
-    }
-}
 
 /// How slots go by.
 #[derive(Debug)]
@@ -201,14 +151,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        link.name(
-            saved.vehicles().iter().map(|vehicle| (vehicle.chosen, !matches!(vehicle.state, State::Check { .. }))),
-        );
+        link.name(saved.vehicles().iter().map(|vehicle| (vehicle.chosen, vehicle.state.may_fly())));
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
         let beginning = match ring.restarts {
-            0 => Beginning::First,
-            _ => Beginning::Restarted { in_mission: flown.len() > 1 }, // the journal of a resumed run begins with one slot
+            0 if !saved.is_lost() => Beginning::First,
+            // The journal of a resumed run begins with one slot.
+            _ => Beginning::Restarted { in_mission: flown.len() > 1 },
         };
         let address_of = |uav: usize| &addresses[uav.min(addresses.len() - 1)];
         let own = |uav| OwnSide { system: address_of(uav).own_system, modes: address_of(uav).modes.clone() };
@@ -222,8 +171,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
             link,
             wait,
             listener: ring.plan.listener()?,
-            clock: VehicleClock { begin_ns: boot_ns(), factor },
-            attention: Attention { polled_ns: boot_ns(), stale_until_ns: 0 },
+            clock: VehicleClock::new(factor),
+            attention: Attention::default(),
             heartbeat_s: 0.0,
             slots: SlotFlow {
                 period,
@@ -342,7 +291,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let Some(tick) = ticks.poll_slot(slot)?.available() else { return Ok(None) };
         let now_ns = monotonic_ns();
         let begin_ns = if self.slots.is_local { tick.user_header().sent_ns.min(now_ns) } else { now_ns };
-        self.bridge.begin(slot, (now_ns - begin_ns) as f64 / 1e9 * self.clock.factor);
+        self.bridge.begin(slot, self.clock.of_vehicles_s((now_ns - begin_ns) as f64 / 1e9));
         Ok(Some(begin_ns))
     }
 
@@ -356,7 +305,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Chooses the vehicles, or says which must not be flown, and why.
     fn choose(&mut self) -> Result<(), (usize, String)> {
-        let (now_s, bridge) = (self.clock.now_s(), &self.bridge);
+        let now_s = self.clock.now_s();
+        let bridge = &self.bridge;
         let is_committed = |uav| bridge.control(uav).is_committed();
         self.link.choose(now_s, is_committed, |uav, fix| bridge.control(uav).away_m(fix))
     }
@@ -368,7 +318,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         if let Some(suspended) = self.attention.poll() {
             let suspended_s = suspended.as_secs_f64();
             Role::FlightSim.log(format_args!("the bridge was suspended for {suspended_s:.1} s"));
-            self.bridge.note_suspension(suspended_s * self.clock.factor);
+            self.bridge.note_suspension(self.clock.of_vehicles_s(suspended_s));
         }
         let is_stale = self.attention.is_stale();
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
@@ -465,7 +415,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             std::thread::sleep(POLL_EVERY);
         }
         for uav in (0..self.bridge.uavs()).filter(|uav| !self.bridge.control(*uav).is_homebound()) {
-            if self.bridge.control(uav).is_committed() {
+            if self.bridge.control(uav).state().may_fly() {
                 Role::FlightSim.log(format_args!(
                     "vehicle {}: has not said that it returns: its GCS failsafe has to bring it home",
                     uav + 1

@@ -1,8 +1,8 @@
 //! The orders to a vehicle that it has not answered yet, which are repeated because a link may lose them: speeds and
 //! waypoints, which change no mode.
 //!
-//! An answer repeats only the command of its order, so that one may belong to an order that a newer one has replaced: each
-//! copy that was sent has one answer, and the oldest copy is answered first.
+//! An answer repeats only the command of its order, so that one may belong to an order that a newer one has replaced:
+//! each copy that was sent has one answer, and the oldest copy is answered first.
 
 use crate::telemetry::{ACCEPTED, IN_PROGRESS, Order};
 
@@ -12,8 +12,8 @@ const REPEAT_S: f64 = 0.5;
 /// Time after which the answer to a copy of an order is lost [s].
 const ANSWERED_S: f64 = 4.0;
 
-/// Time after which a take-off or return without an answer was lost [s], after which one that was refused may be accepted, and
-/// after which an accepted return has had no effect.
+/// Time after which a take-off or return without an answer was lost [s], after which one that was refused may be
+/// accepted, and after which an accepted return has had no effect.
 const LOST_S: f64 = 3.0;
 const REFUSED_S: f64 = 1.0;
 const IGNORED_S: f64 = 6.0;
@@ -91,8 +91,9 @@ impl Outbox {
         })
     }
 
-    /// Takes in an answer to the oldest copy of an order of `command` at `now_s` [s]; returns that order if the answer is
-    /// final, and no newer one has replaced it. The others of its copies count as unanswered, as their answers come late.
+    /// Takes in an answer to the oldest copy of an order of `command` at `now_s` [s]; returns that order if the answer
+    /// is final, and no newer one has replaced it. The others of its copies count as unanswered, as their answers come
+    /// late.
     pub fn answer(&mut self, command: u16, result: u8, now_s: f64) -> Option<Order> {
         if result == IN_PROGRESS {
             return None;

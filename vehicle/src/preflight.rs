@@ -78,8 +78,8 @@ impl Preflight {
         }
     }
 
-    /// Checks whether the vehicle may take off from `position` [m], which is `None` unless it is current and believed. Adds
-    /// questions for parameters to `orders`.
+    /// Checks whether the vehicle may take off from `position` [m], which is `None` unless it is current and believed.
+    /// Adds questions for parameters to `orders`.
     pub fn check(
         &mut self,
         vehicle: &VehicleState,
@@ -110,7 +110,8 @@ impl Preflight {
     ) -> Result<Option<String>, PreflightRefusal> {
         let wait = |what: &str| Ok(Some(what.to_owned()));
         let Some(autopilot) = vehicle.autopilot.filter(|_| !vehicle.is_lost(now_s)) else {
-            *self = Self { has_seen_down: self.has_seen_down, ..Self::default() }; // what comes next may be another one, or have been changed meanwhile
+            // What comes next may be another one, or have been changed meanwhile.
+            *self = Self { has_seen_down: self.has_seen_down, ..Self::default() };
             return wait("to send heartbeats");
         };
         let names_both = [ModeMeaning::Follows, ModeMeaning::Returns].iter().all(|mode| assignment.modes.names(*mode));
@@ -141,7 +142,8 @@ impl Preflight {
             return wait("to report its battery");
         }
         if vehicle.meaning() != Some(ModeMeaning::Follows) {
-            let (wanted, is) = (autopilot.follow_name(), vehicle.mode_name());
+            let wanted = autopilot.follow_name();
+            let is = vehicle.mode_name();
             return Ok(Some(format!("to be put into {wanted} by its operator: it is in {is}")));
         }
         if !vehicle.is_ready() {

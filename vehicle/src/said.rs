@@ -1,5 +1,5 @@
-//! The lines of one vehicle for people: what it says itself is limited, however much that is, and what does not change is
-//! said less and less often.
+//! The lines of one vehicle for people: what it says itself is limited, however much that is, and what does not change
+//! is said less and less often.
 
 /// Texts that are passed on at once at most, and further ones [1/s].
 const MOST_TEXTS: f64 = 8.0;
@@ -11,6 +11,9 @@ const GROWS: f64 = 2.0;
 
 /// Length of a text that has further parts [byte].
 const WHOLE_PART: usize = 50;
+
+/// Length from which a text is not waited for any longer [byte].
+const MOST_BYTES: usize = 500;
 
 /// A matter that lasts.
 #[derive(Debug, Clone)]
@@ -59,8 +62,8 @@ impl Said {
         self.lines.push(line);
     }
 
-    /// Says `line` of the matter `what` once that lasts for `after_s` [s], and from time to time while it does; `None` ends
-    /// it. Returns whether it was ended after it was said.
+    /// Says `line` of the matter `what` once that lasts for `after_s` [s], and from time to time while it does; `None`
+    /// ends it. Returns whether it was ended after it was said.
     pub fn say_while(&mut self, what: &'static str, line: Option<String>, after_s: f64, now_s: f64) -> bool {
         let known = self.lasting.iter().position(|lasting| lasting.what == what);
         let Some(line) = line else {
@@ -93,7 +96,7 @@ impl Said {
             self.part.0 = line;
         }
         self.part.1.push_str(text);
-        if line == 0 || text.len() < WHOLE_PART {
+        if line == 0 || text.len() < WHOLE_PART || self.part.1.len() >= MOST_BYTES {
             let (_, whole) = std::mem::take(&mut self.part);
             self.quote(&whole, now_s);
         }
@@ -150,6 +153,14 @@ mod tests {
             said.take(),
             [format!("says: {part}b"), "says: whole".into(), format!("says: {part}"), "says: next".into()]
         );
+    }
+
+    #[test]
+    fn a_text_without_an_end_is_not_kept_for_ever() {
+        let mut said = Said::default();
+        (0..1000).for_each(|_| said.quote_part(&"a".repeat(WHOLE_PART), 7, 0.0));
+        assert!(said.part.1.len() <= MOST_BYTES);
+        assert_eq!(said.take(), [format!("says: {}", "a".repeat(MOST_BYTES))], "it repeats itself");
     }
 
     #[test]

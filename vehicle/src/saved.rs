@@ -1,5 +1,5 @@
-//! What a bridge knows of its vehicles, in a file of the ring for the bridge after it, and in the run folder for a run that
-//! is resumed.
+//! What a bridge knows of its vehicles, in a file of the ring for the bridge after it, and in the run folder for a run
+//! that is resumed.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,8 @@ pub struct SavedVehicle {
 /// A vehicle of which nothing is known any more: it may have been armed.
 const UNKNOWN: SavedVehicle = SavedVehicle { chosen: None, state: State::Silent, home_m: None, was_flown: true };
 
-/// Whether a vehicle of the run in the folder `run` is flown by others, or none flies any more: it is not to be resumed.
+/// Whether a vehicle of the run in the folder `run` is flown by others, or none flies any more: it is not to be
+/// resumed.
 #[must_use]
 pub fn is_over(run: &Path) -> bool {
     let vehicles = read(&run.join(VEHICLES)).unwrap_or_default();
@@ -72,9 +73,9 @@ pub struct SavedVehicles {
 }
 
 impl SavedVehicles {
-    /// What the bridge before, or the run before, has saved of its `uavs` vehicles in the folder of the ring; nothing for the
-    /// first bridge of a run, which `is_restarted` is not. If that cannot be read, or is gone, which is said, none is armed:
-    /// they may have been.
+    /// What the bridge before, or the run before, has saved of its `uavs` vehicles in the folder of the ring; nothing
+    /// for the first bridge of a run, which `is_restarted` is not. If that cannot be read, or is gone, which is said,
+    /// none is armed: they may have been.
     #[must_use]
     pub fn of(folder: &Path, uavs: usize, is_restarted: bool) -> Self {
         let path = folder.join(VEHICLES);
@@ -94,24 +95,27 @@ impl SavedVehicles {
         Self { folder: folder.to_owned(), run, vehicles, in_run, said: Vec::new() }
     }
 
+    /// Whether something was saved that cannot be read: a vehicle may have been armed.
+    pub fn is_lost(&self) -> bool {
+        self.vehicles.contains(&UNKNOWN)
+    }
+
     /// The vehicles, by UAV; none before they are saved.
     pub fn vehicles(&self) -> &[SavedVehicle] {
         &self.vehicles
     }
 
-    /// Saves what the bridge after this one has to know, before the commands of a transition are sent; the run folder keeps
-    /// what it has of vehicles that no bridge of this run has flown. Returns whether it is saved for the next bridge.
+    /// Saves what the bridge after this one has to know, before the commands of a transition are sent; the run folder
+    /// keeps what it has of vehicles that an earlier run has flown, and no bridge of this one. Returns whether it is
+    /// saved for the next bridge.
     pub fn save(&mut self, mut vehicles: Vec<SavedVehicle>) -> bool {
         for (uav, vehicle) in vehicles.iter_mut().enumerate() {
             let flies = matches!(vehicle.state, State::Climb | State::Fly { .. } | State::Home { .. });
             vehicle.was_flown |= flies || self.vehicles.get(uav).is_some_and(|before| before.was_flown);
         }
-        if vehicles == self.vehicles {
-            return true;
-        }
         if let Some(run) = &self.run {
             let kept = |(uav, vehicle): (usize, &SavedVehicle)| match self.in_run.get(uav) {
-                Some(before) if !vehicle.was_flown => *before,
+                Some(before) if before.was_flown && !vehicle.was_flown => *before,
                 _ => *vehicle,
             };
             let in_run: Vec<SavedVehicle> = vehicles.iter().enumerate().map(kept).collect();
@@ -121,6 +125,9 @@ impl SavedVehicles {
                 self.in_run = in_run;
             }
         }
+        if vehicles == self.vehicles {
+            return true;
+        }
         let is_saved = self.write(&self.folder.join(VEHICLES), &vehicles, ": no vehicle is armed meanwhile");
         if is_saved {
             self.vehicles = vehicles;
@@ -128,8 +135,8 @@ impl SavedVehicles {
         is_saved
     }
 
-    /// Writes a file whole or, if that fails, not at all, which is said once, with what `follows`. Returns whether it was
-    /// written.
+    /// Writes a file whole or, if that fails, not at all, which is said once, with what `follows`. Returns whether it
+    /// was written.
     fn write(&mut self, path: &Path, vehicles: &[SavedVehicle], follows: &str) -> bool {
         let written = write(path, vehicles);
         if let Err(error) = &written
@@ -200,6 +207,8 @@ mod tests {
         begin_again();
         save([FLY, CHECK]);
         assert_eq!(in_run(), [FLY, CHECK]);
+        save([FLY, State::HandsOff]);
+        assert_eq!(in_run(), [FLY, State::HandsOff], "its pilot has taken it before the take-off");
         save([State::Home { was_seen: true }, FLY]);
         begin_again();
         save([State::HandsOff, State::Done]); // resumed too early
@@ -216,6 +225,19 @@ mod tests {
         assert!(
             resume(run.path(), next.path()).unwrap_err().to_string().contains("expected the states of its vehicles")
         );
+    }
+
+    #[test]
+    fn a_run_folder_that_could_not_be_written_is_written_later() {
+        let ring = tempfile::tempdir().unwrap();
+        let run = ring.path().join("run");
+        std::fs::write(ring.path().join("record"), run.to_str().unwrap()).unwrap();
+        let mut saved = SavedVehicles::of(ring.path(), 1, false);
+        let pilot = vec![SavedVehicle { was_flown: true, ..vehicle(State::HandsOff) }];
+        assert!(saved.save(pilot.clone()) && !run.join(VEHICLES).exists());
+        std::fs::create_dir(&run).unwrap();
+        assert!(saved.save(pilot.clone()));
+        assert_eq!(read(&run.join(VEHICLES)).unwrap(), pilot);
     }
 
     #[test]
@@ -242,7 +264,8 @@ mod tests {
         assert!(SavedVehicles::of(folder.path(), 2, true).vehicles().is_empty(), "the first bridge has begun");
         for text in ["", "[", "{}", "\0"] {
             std::fs::write(&file, text).unwrap();
-            assert_eq!(SavedVehicles::of(folder.path(), 2, true).vehicles(), [UNKNOWN; 2], "{text:?}");
+            let saved = [true, false].map(|is_restarted| SavedVehicles::of(folder.path(), 2, is_restarted));
+            assert!(saved.iter().all(|saved| saved.is_lost() && saved.vehicles() == [UNKNOWN; 2]), "{text:?}");
         }
         std::fs::remove_file(&file).unwrap();
         std::os::unix::fs::symlink("/dev/zero", &file).unwrap();

@@ -18,7 +18,8 @@ const IN_AIR_M: f64 = 1.0;
 /// Time between two checks whether the vehicle sends what it should [s].
 const STREAMS_S: f64 = 2.0;
 
-/// Requests for what a vehicle that sends its position does not send, or not as often as it should: it may be unable to.
+/// Requests for what a vehicle that sends its position does not send, or not as often as it should: it may be unable
+/// to.
 const MOST_REQUESTS: u32 = 5;
 
 /// The messages that a vehicle has to send, and their periods [s]; the first shows whether it does.
@@ -35,17 +36,19 @@ const STREAMS: [(Stream, f64); 7] = [
 /// Time without a mode after which a vehicle is lost [s].
 const LOST_S: f64 = 3.0;
 
-/// Silence after which a link may have been frozen [s], and time after it in which messages may still have waited in it.
+/// Silence after which a link may have been frozen [s], and time after it in which messages may still have waited in
+/// it.
 const FROZEN_S: f64 = 1.5;
 const SETTLED_S: f64 = 0.3;
 
-/// What a low report of a battery counts, a sufficient one takes off, and makes it low: three low ones in a row, or four
-/// of every other, as of two batteries.
+/// What a low report of a battery counts, a sufficient one takes off, and makes it low: three low ones in a row, or
+/// four of every other, as of two batteries.
 const LOW_REPORT: u32 = 2;
 const SUFFICIENT_REPORT: u32 = 1;
 const LOW: u32 = 5;
 
-/// Speed up to which a vehicle may have landed anywhere [m/s], and how long it has to say that it is disarmed there [s].
+/// Speed up to which a vehicle may have landed anywhere [m/s], and how long it has to say that it is disarmed there
+/// [s].
 const STANDS_MPS: f64 = 0.3;
 const STANDS_S: f64 = 5.0;
 
@@ -155,8 +158,8 @@ impl LinkArrivals {
 }
 
 impl VehicleState {
-    /// Takes in a message. Modes have the meanings of the autopilot, or those that are `named`; a battery below `low_battery`,
-    /// as a fraction of its capacity, is low.
+    /// Takes in a message. Modes have the meanings of the autopilot, or those that are `named`; a battery below
+    /// `low_battery`, as a fraction of its capacity, is low.
     pub fn hear(&mut self, telemetry: &Telemetry, named: &NamedModes, low_battery: f64, now_s: f64) {
         match *telemetry {
             Telemetry::Heartbeat { autopilot, mode, is_armed, is_critical } => {
@@ -190,9 +193,9 @@ impl VehicleState {
         }
     }
 
-    /// The requests for all messages, if no positions come, or no report of the battery, and up to a few times if they or
-    /// reports of the mode come more rarely than they should. ArduPilot sends neither its accuracy nor, up to 4.6, its mode
-    /// alone.
+    /// The requests for all messages, if no positions come, or no report of the battery, and up to a few times if they
+    /// or reports of the mode come more rarely than they should. ArduPilot sends neither its accuracy nor, up to 4.6,
+    /// its mode alone.
     pub fn requests(&mut self, now_s: f64) -> impl Iterator<Item = Order> + use<> {
         let Self { autopilot, streams, power, .. } = self;
         let is_due = autopilot.is_some() && now_s >= streams.due_s;
@@ -235,8 +238,8 @@ impl VehicleState {
         self.autopilot.zip(self.mode).is_some_and(|(autopilot, mode)| autopilot.takes_off_in(mode))
     }
 
-    /// Whether it passes its own checks before arming, in the mode in which it is: they depend on that, and are made again in
-    /// a second. One that does not report them passes.
+    /// Whether it passes its own checks before arming, in the mode in which it is: they depend on that, and are made
+    /// again in a second. One that does not report them passes.
     pub fn is_ready(&self) -> bool {
         self.ready.is_none_or(|(is_ready, said_s)| is_ready && said_s >= self.belief.since_s() + CHECKED_S)
     }
@@ -288,8 +291,8 @@ impl VehicleState {
         self.says_in_air.unwrap_or(is_above_home)
     }
 
-    /// Whether it is on the ground: it says so, or is at the altitude of its home, or has stood somewhere for some seconds
-    /// and says that it is disarmed.
+    /// Whether it is on the ground: it says so, or is at the altitude of its home, or has stood somewhere for some
+    /// seconds and says that it is disarmed.
     pub fn is_on_ground(&self, now_s: f64) -> bool {
         let says_so = !self.is_high() && (self.fix.is_some() || self.says_in_air.is_some());
         let may_stand = self.speed_mps().map_or(!self.is_high(), |speed_mps| speed_mps < STANDS_MPS);

@@ -82,7 +82,8 @@ pub struct Input {
     pub is_over: bool,
 }
 
-/// What the bridge does with a vehicle. The state before a command is sent is saved first, and restored after a restart.
+/// What the bridge does with a vehicle. The state before a command is sent is saved first, and restored after a
+/// restart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum State {
     /// On the ground: the checks before take-off.
@@ -157,6 +158,8 @@ pub enum SpokenLine {
 pub enum Ending {
     /// [`Input::is_over`].
     Over,
+    /// The same between the command to arm and the take-off.
+    OverInArm,
     /// The checks before take-off have failed.
     ChecksFailed,
     /// It has refused to be armed.
@@ -233,8 +236,8 @@ impl State {
         }
     }
 
-    /// The state in which a run that is resumed goes on, by a new command of its operator. A vehicle of which a flight was
-    /// saved may be in the air; another one has to be on the ground, disarmed.
+    /// The state in which a run that is resumed goes on, by a new command of its operator. A vehicle of which a flight
+    /// was saved may be in the air; another one has to be on the ground, disarmed.
     #[must_use]
     pub fn resumed(self) -> Self {
         match self {
@@ -243,6 +246,11 @@ impl State {
             Self::Arm { .. } | Self::Climb | Self::Home { .. } | Self::Silent => Self::Check { may_fly_on: false },
             Self::HandsOff | Self::Done => self,
         }
+    }
+
+    /// Whether it may be armed, or in the air, as far as this bridge or one before it knows.
+    pub fn may_fly(self) -> bool {
+        self != Self::Check { may_fly_on: false }
     }
 
     /// Whether the bridge may still command it.
@@ -324,7 +332,7 @@ fn judge_follows(state: State, input: &Input) -> Option<(State, Orders, Option<S
     let home =
         |why| Some((State::Home { was_seen: false }, &[Command::Return] as Orders, Some(SpokenLine::Returns(why))));
     match state {
-        State::Arm { .. } if input.is_over => Some(done(Ending::Over)),
+        State::Arm { .. } if input.is_over => Some(done(Ending::OverInArm)),
         State::Arm { .. } if may_command && input.is_placed => Some((State::Climb, &[Command::TakeOff], None)),
         State::Climb | State::Fly { .. } if input.is_over => may_command.then(|| home(Ending::Over))?,
         State::Climb if input.height == Height::Up && input.is_placed => {
@@ -368,7 +376,7 @@ fn expire(state: State, input: &Input) -> Option<(State, Orders, Option<SpokenLi
     match state {
         State::Check { may_fly_on: false } if input.is_over => Some(done(Ending::Over)),
         State::Check { may_fly_on: false } if input.checks == Checks::Refused => Some(done(Ending::ChecksFailed)),
-        State::Arm { .. } if input.is_over => Some(done(Ending::Over)),
+        State::Arm { .. } if input.is_over => Some(done(Ending::OverInArm)),
         State::Arm { was_armed: false } if input.is_refused => Some(done(Ending::ArmingRefused)),
         State::Arm { .. } if input.is_late => Some(done(Ending::ArmingLost)),
         State::Home { was_seen: false } if input.is_late => {

@@ -107,7 +107,8 @@ impl FromStr for WireAddress {
         }
         check_number(endpoint)?;
         let [text, endpoint] = [text, endpoint].map(str::to_owned);
-        let (system, modes) = (None, NamedModes::default());
+        let system = None;
+        let modes = NamedModes::default();
         let mut address = Self { text, endpoint, system, own_system: 255, own_component: 190, modes };
         let mut keys = Vec::new();
         for option in options.iter().flat_map(|options| options.split('&')) {
@@ -306,8 +307,8 @@ impl Wire {
         self.received.try_recv().ok()
     }
 
-    /// Sends a message, over UDP to the address `to`, or to that of the connection without one. If the connection is not
-    /// open, or has no address, the message is lost, as on any link.
+    /// Sends a message, over UDP to the address `to`, or to that of the connection without one. If the connection is
+    /// not open, or has no address, the message is lost, as on any link.
     pub fn send(&self, header: &MavHeader, message: &MavMessage, to: Option<SocketAddr>) {
         let transport = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
         match transport.as_deref() {

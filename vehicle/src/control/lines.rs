@@ -1,13 +1,17 @@
-//! What is said of a vehicle: of each transition one line, and of what it does not do, or does not say, while that lasts.
+//! What is said of a vehicle: of each transition one line, and of what it does not do, or does not say, while that
+//! lasts.
 
 use skysink_flight_sim::outside::REACHED_M;
 
-use super::{HOVER_MPS, RETRY_S, VehicleControl};
+use super::{HOVER_MPS, VehicleControl};
 use crate::table::{Checks, Ending, Failsafe, Height, Input, Left, SpokenLine, State, TakenBy};
 
 /// Time after which it is said what a vehicle does not do [s], and that something is missing before take-off.
 const SAID_S: f64 = 10.0;
 const MISSING_S: f64 = 2.0;
+
+/// Silence up to which a vehicle is heard [s].
+const HEARD_S: f64 = 1.0;
 
 /// The same of a return [s].
 const SLOW_S: f64 = 60.0;
@@ -53,9 +57,7 @@ impl VehicleControl {
             SpokenLine::HandsOff(_) => "is overridden",
             SpokenLine::Silent(_) => "is left to its GCS failsafe",
             SpokenLine::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
-            SpokenLine::Done(Ending::Over) if self.home_m.is_some() => {
-                "is not taken off, and may be armed for some seconds"
-            }
+            SpokenLine::Done(Ending::OverInArm) => "is not taken off, and may be armed for some seconds",
             SpokenLine::Done(Ending::Over | Ending::ChecksFailed | Ending::ArmingRefused | Ending::ArmingLost) => {
                 "is not flown"
             }
@@ -103,7 +105,7 @@ impl VehicleControl {
             _ => "",
         };
         self.said.say(format!("{what}: {why}{more}"));
-        if !matches!(line, SpokenLine::Returns(Ending::Over) | SpokenLine::Done(Ending::Over)) {
+        if !matches!(line, SpokenLine::Returns(Ending::Over) | SpokenLine::Done(Ending::Over | Ending::OverInArm)) {
             self.end = why;
         }
     }
@@ -117,9 +119,10 @@ impl VehicleControl {
         let is_off = matches!(self.state, State::Home { .. } | State::Done);
         let does_not_agree = self.state.is_flown() && input.believed.is_none() && !is_lost && self.is_heard(now_s);
         let lost = match self.hearing.arrivals.silence_s(now_s) {
-            Some(silence_s) if silence_s < RETRY_S => "does not say its mode any more, for 3 s",
+            Some(silence_s) if silence_s < HEARD_S => "does not say its mode any more, for 3 s",
             _ => "is not heard any more, for 3 s",
         };
+        let progress = self.progress(input);
         let lines: [(&'static str, bool, f64, String); 7] = [
             ("lost", is_lost && self.state != State::Done, 0.0, lost.to_owned()),
             ("blind", is_blind, 0.0, "does not say where it is any more: it gets no waypoints meanwhile".to_owned()),
@@ -142,7 +145,7 @@ impl VehicleControl {
                 MISSING_S,
                 "is armed and in the air, though its mission is over: it gets no commands".to_owned(),
             ),
-            ("progress", self.progress(input).is_some(), self.slow_after_s(), self.progress(input).unwrap_or_default()),
+            ("progress", progress.is_some(), self.slow_after_s(), progress.unwrap_or_default()),
         ];
         for (matter, is_so, after_s, line) in lines {
             let has_ended = self.said.say_while(matter, is_so.then_some(line), after_s, now_s);
@@ -151,6 +154,10 @@ impl VehicleControl {
             }
         }
         let missing = matches!(self.state, State::Check { .. }).then(|| match input.checks {
+            _ if !self.is_heard(now_s) => "waiting for it to send heartbeats".to_owned(),
+            Checks::Hold if self.state.may_fly() && input.believed.is_some() => {
+                "waiting for it to be on the ground, or in the air in the mode that follows commands".to_owned()
+            }
             Checks::Hold if input.believed.is_none() => "waiting for it to report the same twice in a row".to_owned(),
             Checks::Hold => "is checked, and waits for the others".to_owned(),
             _ => format!("waiting for it {}", self.preflight.missing),

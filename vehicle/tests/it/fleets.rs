@@ -18,12 +18,13 @@ const FLEET: &str = "uav.count = 2\nuav.coordination = 'partition'\nuav.starts_m
 const FLIES: State = State::Fly { has_begun: true };
 const CHECK: State = State::Check { may_fly_on: false };
 
-/// A bridge over the vehicles of a fleet of two, at (50, 50) and (60, 50), in these states of before.
-fn fleet(beginning: Beginning, states: [State; 2], keys: &str) -> Bridge {
-    let both = scenario(&format!("{FLEET}{keys}"));
+/// A bridge over the vehicles of a fleet, at (50, 50), (60, 50) and (70, 50), in these states of before.
+fn fleet<const N: usize>(beginning: Beginning, states: [State; N], keys: &str) -> Bridge {
+    let third = FLEET.replace("count = 2", "count = 3").replace("[60.0, 50.0]", "[60.0, 50.0], [70.0, 50.0]");
+    let all = scenario(&format!("{}{keys}", if N == 3 { &third } else { FLEET }));
     let saved = states.map(|state| SavedVehicle { chosen: None, state, home_m: Some(488.0), was_flown: true });
-    let saved = if states == [CHECK; 2] { &[][..] } else { &saved };
-    Bridge::new(&both, &[SensorNode::default()], AreaFrame::at(HOME), &start(&both), beginning, saved, &own(2))
+    let saved = if states == [CHECK; N] { &[][..] } else { &saved };
+    Bridge::new(&all, &[SensorNode::default()], AreaFrame::at(HOME), &start(&all), beginning, saved, &own(N))
 }
 
 /// Lets the vehicle number `uav` say where it is: at `at_m` [m], in this mode of ArduPilot.
@@ -51,10 +52,11 @@ fn speak(bridge: &mut Bridge, uav: usize, at_m: [f64; 3], mode: u32, is_armed: b
     .for_each(|telemetry| bridge.hear(uav, telemetry, now_s));
 }
 
-/// STABILIZE, GUIDED and LOITER.
+/// STABILIZE, GUIDED, LOITER and RTL.
 const STABILIZE: u32 = 0;
 const GUIDED: u32 = 4;
 const LOITER: u32 = 5;
+const RETURN: u32 = 6;
 
 /// Polls the bridge ten times in a second from `now_s` [s] on, after what `speaks` lets its vehicles say. Returns the
 /// orders.
@@ -79,7 +81,8 @@ fn both(z_m: [f64; 2], modes: [u32; 2], are_armed: [bool; 2]) -> impl Fn(&mut Br
 
 #[test]
 fn the_vehicles_of_a_fleet_are_armed_once_all_are_checked() {
-    let (mut bridge, mut now_s) = (fleet(Beginning::First, [CHECK; 2], ""), 0.0);
+    let mut bridge = fleet(Beginning::First, [CHECK; 2], "");
+    let mut now_s = 0.0;
     let orders = run(&mut bridge, 30.0, &mut now_s, both([0.0; 2], [GUIDED, STABILIZE], [false; 2]));
     assert_eq!(orders, [], "the second is in another mode");
     let orders = run(&mut bridge, 3.0, &mut now_s, both([0.0; 2], [GUIDED; 2], [false; 2]));
@@ -89,7 +92,8 @@ fn the_vehicles_of_a_fleet_are_armed_once_all_are_checked() {
 #[test]
 fn heartbeats_stop_where_a_vehicle_that_may_be_in_the_air_is_not_heard() {
     for (beginning, states) in [(RESTARTED, [FLIES; 2]), (Beginning::First, [FLIES; 2])] {
-        let (mut bridge, mut now_s) = (fleet(beginning, states, ""), 0.0);
+        let mut bridge = fleet(beginning, states, "");
+        let mut now_s = 0.0;
         let of_both = |bridge: &Bridge, now_s| [0, 1].map(|uav| bridge.control(uav).heartbeats(now_s));
         run(&mut bridge, 1.0, &mut now_s, |bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s));
         assert_eq!(of_both(&bridge, now_s), [Heartbeats::Due; 2]);
@@ -104,7 +108,8 @@ fn heartbeats_stop_where_a_vehicle_that_may_be_in_the_air_is_not_heard() {
 
 #[test]
 fn a_vehicle_that_others_fly_keeps_no_other_from_flying_on() {
-    let (mut bridge, mut now_s) = (fleet(RESTARTED, [FLIES; 2], ""), 0.0);
+    let mut bridge = fleet(RESTARTED, [FLIES; 2], "");
+    let mut now_s = 0.0;
     run(&mut bridge, 3.0, &mut now_s, both([20.0; 2], [GUIDED, LOITER], [true; 2]));
     assert_eq!([0, 1].map(|uav| bridge.control(uav).state()), [FLIES, State::HandsOff]);
     assert_eq!(bridge.overridden().collect::<Vec<_>>(), [2]);
@@ -116,7 +121,8 @@ fn a_vehicle_that_others_fly_keeps_no_other_from_flying_on() {
 #[test]
 fn a_vehicle_that_is_refused_before_it_is_armed_keeps_no_other_from_flying() {
     // Before any is armed, the run ends; afterwards it flies without it.
-    let (mut bridge, mut now_s) = (fleet(Beginning::First, [CHECK; 2], ""), 0.0);
+    let mut bridge = fleet(Beginning::First, [CHECK; 2], "");
+    let mut now_s = 0.0;
     assert_eq!(bridge.refuse(1, "two of them".to_owned()).unwrap_err().number, 2);
     let mut flown = fleet(RESTARTED, [FLIES, CHECK], "");
     flown.refuse(1, "two of them".to_owned()).unwrap();
@@ -132,7 +138,12 @@ fn a_vehicle_that_is_refused_before_it_is_armed_keeps_no_other_from_flying() {
 
 #[test]
 fn a_vehicle_does_not_wait_for_ever_for_another() {
-    let (mut bridge, mut now_s) = (fleet(Beginning::First, [FLIES, CHECK], ""), 0.0);
+    does_not_wait_for_ever(fleet(Beginning::First, [FLIES, CHECK], ""));
+    does_not_wait_for_ever(fleet(Beginning::First, [FLIES, CHECK, State::HandsOff], ""));
+}
+
+fn does_not_wait_for_ever(mut bridge: Bridge) {
+    let mut now_s = 0.0;
     let first = |bridge: &mut Bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
     run(&mut bridge, 149.0, &mut now_s, first);
     assert!(!bridge.has_begun() && bridge.control(0).state() == FLIES);
@@ -154,7 +165,8 @@ fn a_vehicle_does_not_wait_for_ever_for_another() {
 #[test]
 fn a_vehicle_keeps_clear_of_where_a_silent_one_was_sent() {
     for (keys, is_refused) in [("uav.separation_m = 6.0\n", true), ("", false)] {
-        let (mut bridge, mut now_s) = (fleet(RESTARTED, [FLIES; 2], keys), 0.0);
+        let mut bridge = fleet(RESTARTED, [FLIES; 2], keys);
+        let mut now_s = 0.0;
         let first = |bridge: &mut Bridge, now_s| speak(bridge, 0, [50.0, 50.0, 20.0], GUIDED, true, now_s);
         run(&mut bridge, 10.0, &mut now_s, both([20.0; 2], [GUIDED; 2], [true; 2]));
         let mut reports = start(&scenario(FLEET));
@@ -172,7 +184,8 @@ fn a_vehicle_keeps_clear_of_where_a_silent_one_was_sent() {
 
 #[test]
 fn a_vehicle_that_is_home_keeps_no_other_from_taking_off() {
-    let (mut bridge, mut now_s) = (fleet(Beginning::First, [CHECK, State::Done], ""), 0.0);
+    let mut bridge = fleet(Beginning::First, [CHECK, State::Done], "");
+    let mut now_s = 0.0;
     let orders = run(&mut bridge, 4.0, &mut now_s, |bridge, now_s| {
         speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, false, now_s); // the second is switched off
     });
@@ -181,7 +194,8 @@ fn a_vehicle_that_is_home_keeps_no_other_from_taking_off() {
 
 #[test]
 fn a_resumed_fleet_waits_for_a_vehicle_that_was_not_heard() {
-    let (mut bridge, mut now_s) = (fleet(Beginning::First, [FLIES; 2], ""), 0.0);
+    let mut bridge = fleet(Beginning::First, [FLIES; 2], "");
+    let mut now_s = 0.0;
     let first = |bridge: &mut Bridge, now_s| speak(bridge, 0, [50.0, 50.0, 0.0], GUIDED, false, now_s);
     let orders = run(&mut bridge, 20.0, &mut now_s, first);
     assert_eq!(orders, [], "the second is switched off");
@@ -205,4 +219,30 @@ fn a_vehicle_that_is_changed_before_take_off_is_checked_anew() {
         Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode: GUIDED, is_armed: false, is_critical: false };
     (0..4).for_each(|tenth| bridge.hear(0, &heartbeat, now_s + 0.4 + f64::from(tenth) / 10.0));
     assert!(questions(&mut bridge, now_s + 0.8) > 0, "it is asked again");
+}
+
+/// A run was killed while its second vehicle returned, and is resumed before that has landed.
+#[test]
+fn a_vehicle_that_is_found_armed_gets_no_heartbeats_while_another_flies_on() {
+    let mut bridge = fleet(Beginning::First, [FLIES, State::Home { was_seen: true }], "");
+    let mut now_s = 0.0;
+    let orders = run(&mut bridge, 12.0, &mut now_s, both([20.0; 2], [GUIDED, RETURN], [true; 2]));
+    assert_eq!(bridge.control(0).state(), FLIES);
+    assert!(orders.iter().all(|(uav, order)| *uav == 0 && *order != Order::Arm), "{orders:?}");
+    assert_eq!(bridge.control(1).state(), State::HandsOff);
+    assert_eq!(bridge.control(1).heartbeats(now_s), Heartbeats::Withheld);
+    assert_eq!(bridge.control(0).heartbeats(now_s), Heartbeats::Due);
+}
+
+/// A run is resumed whose vehicle hovers at its start.
+#[test]
+fn a_vehicle_that_is_at_its_start_at_once_is_still_told_its_speed() {
+    let mut bridge = fleet(Beginning::First, [FLIES; 2], "");
+    let mut now_s = 0.0;
+    let orders = run(&mut bridge, 3.0, &mut now_s, both([20.0; 2], [GUIDED; 2], [true; 2]));
+    assert!(bridge.has_begun());
+    for uav in 0..2 {
+        let is_speed = |(of, order): &&(usize, Order)| *of == uav && matches!(order, Order::Speed(_));
+        assert!(orders.iter().filter(is_speed).count() > 1, "until it is answered: {orders:?}");
+    }
 }

@@ -117,8 +117,12 @@ fn fly(seed: u64, tally: &mut Tally) {
     let when = When::of(&mut random);
     let killed_s = if random.random_range(0..3) == 0 { random.random_range(2.0..70.0) } else { f64::INFINITY };
     let is_resumed = random.random::<bool>();
-    let (mut acted_s, mut is_seen_by_nobody, mut has_operator) = (None, false, false);
-    let (mut slot, mut slot_s, mut is_killed) = (0, 0.0, false);
+    let mut acted_s = None;
+    let mut is_seen_by_nobody = false;
+    let mut has_operator = false;
+    let mut slot = 0;
+    let mut slot_s = 0.0;
+    let mut is_killed = false;
     let (mut orders_at_act, mut arrived_at_act) = (0, 0);
     while flight.now_s < 260.0 && !(flight.bridge.has_landed() && acted_s.is_some_and(|s: f64| flight.now_s > s + 20.0))
     {
