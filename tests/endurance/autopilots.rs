@@ -8,7 +8,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use mavlink::MavHeader;
-use mavlink::dialects::common::{COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavMessage, MavModeFlag, MavType};
+use mavlink::dialects::common::{
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, MANUAL_CONTROL_DATA, MavCmd, MavMessage, MavModeFlag, MavType,
+};
 use skysink_vehicle::wire::Wire;
 
 use crate::support::{Output, Place, csv_rows};
@@ -113,10 +115,19 @@ impl Autopilot {
             param2: main as f32,
             param3: sub as f32,
             command: MavCmd::MAV_CMD_DO_SET_MODE,
-            target_system: if self.kind == Kind::Px4 { INSTANCE as u8 + 1 } else { 1 },
+            target_system: self.system(),
             target_component: 1,
             ..COMMAND_LONG_DATA::default()
         }));
+    }
+
+    fn centred_sticks(&self) -> MANUAL_CONTROL_DATA {
+        MANUAL_CONTROL_DATA { z: 500, target: self.system(), ..MANUAL_CONTROL_DATA::default() }
+    }
+
+    /// Its system identifier.
+    fn system(&self) -> u8 {
+        if self.kind == Kind::Px4 { INSTANCE as u8 + 1 } else { 1 }
     }
 
     /// Takes in what it says. Its pilot is there, as a second ground station.
@@ -125,6 +136,9 @@ impl Autopilot {
             mavtype: MavType::MAV_TYPE_GCS,
             ..HEARTBEAT_DATA::default()
         }));
+        if self.kind == Kind::Px4 {
+            self.send(&MavMessage::MANUAL_CONTROL(self.centred_sticks())); // without sticks it refuses Position
+        }
         while let Some(received) = self.pilot.receive() {
             if let (MavMessage::HEARTBEAT(heartbeat), 1) = (&received.message, received.header.component_id) {
                 self.mode = heartbeat.custom_mode;
@@ -133,7 +147,7 @@ impl Autopilot {
         }
     }
 
-    /// Chooses a mode again and again until it is in it, and `is_so`, for at most a minute.
+    /// Chooses a mode again and again until it is in it, and `is_so`, for at most two minutes.
     fn until(&mut self, mode: Option<u32>, is_so: impl Fn(&Self) -> bool) {
         let begin = Instant::now();
         while !is_so(self) || mode.is_some_and(|mode| self.mode != mode) {
@@ -192,12 +206,12 @@ fn a_real_autopilot_flies_a_mission_and_lands() {
 fn a_pilot_of_a_real_autopilot_keeps_it() {
     for kind in [Kind::Px4, Kind::ArduCopter] {
         let flown = fly(kind, |autopilot, run| {
-            run.until_slot(4);
+            autopilot.until(None, |_| run.slots() >= 4);
             let [_, pilot] = autopilot.modes();
             autopilot.until(Some(pilot), |_| true);
-            run.until_printed("vehicle 1: is overridden: its mode changed to");
-            run.until_slots_later(2);
-            autopilot.listen();
+            autopilot.until(None, |_| run.stderr().contains("vehicle 1: is overridden: its mode changed to"));
+            let later = run.slots() + 2;
+            autopilot.until(None, |_| run.slots() >= later);
             assert_eq!(autopilot.mode, pilot, "{kind:?}");
             run.signal_launcher(rustix::process::Signal::TERM);
         });
