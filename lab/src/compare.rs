@@ -10,10 +10,10 @@ use skysink_mission::Replay;
 use strum::VariantArray;
 
 use crate::error::LabError;
-use crate::metrics::{Metric, MetricValues, MissionMeter};
 use crate::statistics::{Concentration, MeanInterval, holm, paired_differences};
 use crate::sweep::definition::Definition;
 use crate::sweep::journal::{MissionRows, missions_of};
+use skysink_mission::metrics::{Metric, MetricValues, MissionMeter};
 
 /// A strategy over several fields, or a run, in a comparison.
 #[derive(Debug, Clone)]

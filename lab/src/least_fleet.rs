@@ -23,8 +23,8 @@ use crate::drawing::page::Look;
 use crate::drawing::style::{BEST_KNOWN_STYLE, styles_of};
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
-use crate::statistics::Support;
 use crate::sweep::results::{number, text};
+use skysink_mission::metrics::Support;
 
 /// What is asked.
 #[derive(Debug, Clone)]

@@ -21,10 +21,10 @@ use skysink_planner::settings::{Knowledge, Rates, Settings, change};
 use skysink_planner::strategies::look_ahead::{self, MAX_STEPS, OfflineKeys, search_offline};
 use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
-use crate::bounds::{MissionBounds, bounds, fraction, loss_rate};
 use crate::error::LabError;
-use crate::metrics::{Metric, MissionMeter};
 use crate::progress::{LabProgress, OnProgress};
+use skysink_mission::bounds::{MissionBounds, bounds, fraction, loss_rate};
+use skysink_mission::metrics::{Metric, MissionMeter};
 
 /// Search steps of the trial that measures the speed of the search.
 const TRIAL_STEPS: u64 = 100_000;

@@ -20,12 +20,12 @@ use crate::drawing::curves::{self, CurveValues};
 use crate::drawing::style::{BEST_KNOWN_STYLE, FIRST_STYLE, styles_of};
 use crate::drawing::table::TableCells;
 use crate::error::LabError;
-use crate::metrics::Metric;
 use crate::statistics::Concentration;
 use crate::sweep::folder::FlownSweep;
 use crate::sweep::results::{BEST_KNOWN, best_known, few_of, number, text};
 use request::{PlotRequest, SheetOptions};
 use selection::{SelectedCurve, Selection};
+use skysink_mission::metrics::Metric;
 
 /// Millimetres per point.
 const MM_PER_PT: f64 = 25.4 / 72.0;

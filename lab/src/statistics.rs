@@ -3,61 +3,29 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use skysink_mission::metrics::Support;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// The range of a quantity and of its mean.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Support {
-    /// Any number.
-    Real,
-    /// A number that is not negative.
-    NonNegative,
-    /// A fraction, from 0 to 1.
-    Fraction,
-    /// The difference of two fractions, from −1 to 1.
-    FractionDifference,
-}
-
-impl Support {
-    /// The range of the difference of two such quantities.
-    pub(crate) fn of_difference(self) -> Self {
-        match self {
-            Self::Fraction => Self::FractionDifference,
-            Self::Real | Self::NonNegative | Self::FractionDifference => Self::Real,
-        }
+/// The confidence limits of the mean for a half-width (t quantile times standard error) on the linear scale. Delta
+/// method: `g⁻¹(g(mean) ± g′(mean) half_width)`, where g is the identity, the logarithm, or the logit on the range.
+fn limits(support: Support, mean: f64, half_width: f64) -> [f64; 2] {
+    let [low, high] = support.ends();
+    let below = mean - low;
+    let above = high - mean;
+    if half_width == 0.0 || below <= 0.0 || above <= 0.0 {
+        return [mean; 2];
     }
-
-    /// Its least and its greatest value.
-    fn ends(self) -> [f64; 2] {
-        match self {
-            Self::Real => [f64::NEG_INFINITY, f64::INFINITY],
-            Self::NonNegative => [0.0, f64::INFINITY],
-            Self::Fraction => [0.0, 1.0],
-            Self::FractionDifference => [-1.0, 1.0],
-        }
-    }
-
-    /// The confidence limits of the mean for a half-width (t quantile times standard error) on the linear scale. Delta
-    /// method: `g⁻¹(g(mean) ± g′(mean) half_width)`, where g is the identity, the logarithm, or the logit on the range.
-    fn limits(self, mean: f64, half_width: f64) -> [f64; 2] {
-        let [low, high] = self.ends();
-        let below = mean - low;
-        let above = high - mean;
-        if half_width == 0.0 || below <= 0.0 || above <= 0.0 {
-            return [mean; 2];
-        }
-        let transformed = half_width / below + half_width / above; // an infinite side contributes 0
-        let limits = match self {
-            Self::Real => [mean - half_width, mean + half_width],
-            Self::NonNegative => [mean * (-transformed).exp(), mean * transformed.exp()],
-            Self::Fraction | Self::FractionDifference => [-transformed, transformed].map(|shift| {
-                let factor = shift.exp(); // of below / above
-                if factor.is_finite() { mean + below * above * (factor - 1.0) / (above + below * factor) } else { high }
-            }),
-        };
-        // Rounding must not move a limit across the mean.
-        [limits[0].clamp(low, mean), limits[1].clamp(mean, high)]
-    }
+    let transformed = half_width / below + half_width / above; // an infinite side contributes 0
+    let limits = match support {
+        Support::Real => [mean - half_width, mean + half_width],
+        Support::NonNegative => [mean * (-transformed).exp(), mean * transformed.exp()],
+        Support::Fraction | Support::FractionDifference => [-transformed, transformed].map(|shift| {
+            let factor = shift.exp(); // of below / above
+            if factor.is_finite() { mean + below * above * (factor - 1.0) / (above + below * factor) } else { high }
+        }),
+    };
+    // Rounding must not move a limit across the mean.
+    [limits[0].clamp(low, mean), limits[1].clamp(mean, high)]
 }
 
 /// The mean of repeated values with its confidence interval.
@@ -93,7 +61,7 @@ impl MeanInterval {
         let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
         let deviation = (squares / freedom).sqrt();
         let t = StudentsT::new(0.0, 1.0, freedom).expect("a positive degree of freedom").inverse_cdf(0.975);
-        let limits = support.limits(mean, t * deviation / (n as f64).sqrt());
+        let limits = limits(support, mean, t * deviation / (n as f64).sqrt());
         Self { n, mean, deviation: Some(deviation), limits: Some(limits) }
     }
 

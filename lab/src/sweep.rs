@@ -28,15 +28,15 @@ use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
 use skysink_planner::strategies::look_ahead;
 
-use crate::bounds::bounds;
 use crate::error::LabError;
-use crate::metrics::MissionMeter;
 use crate::progress::{LabProgress, OnProgress, Workload};
 use definition::MissionKey;
 use folder::SweepRecord;
 use journal::{MissionRow, SweepJournal};
 use plan::Sweep;
 use shard::Shard;
+use skysink_mission::bounds::bounds;
+use skysink_mission::metrics::MissionMeter;
 
 /// Simulates the missing missions of a shard on at most `threads` threads, 0 for one per core, writes the results into
 /// the folder `out`, and returns the journal. Calling it again resumes an interrupted sweep.

@@ -7,9 +7,9 @@ use std::io;
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
-use skysink_lab::metrics::{Metric, MetricValues};
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext as _;
+use skysink_mission::metrics::{Metric, MetricValues};
 use skysink_planner::settings::Settings;
 use xxhash_rust::xxh3::xxh3_64;
 

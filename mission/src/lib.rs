@@ -9,6 +9,7 @@
 //! | [`record`], [`origin`] | the run folder; its `run.toml` |
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
 //! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
+//! | [`metrics`], [`bounds`], `trapped` | the metrics of a mission; what no strategy exceeds; UAVs that stay in one part |
 //! | [`summary`], `losses`, [`sensor_results`] | the results of a run; those of each sensor node |
 //! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
 //! | [`latency`] | latencies of the ring |
@@ -16,12 +17,14 @@
 //! The ring of processes is left to the root crate.
 
 pub mod ages;
+pub mod bounds;
 pub mod drive;
 pub mod error;
 pub mod files;
 pub mod folder;
 pub mod latency;
 mod losses;
+pub mod metrics;
 pub mod mission;
 pub mod origin;
 pub mod plant;
@@ -33,6 +36,7 @@ pub mod service_gaps;
 pub mod slot_log;
 pub mod summary;
 pub mod trace;
+mod trapped;
 
 pub use drive::drive;
 pub use error::MissionError;

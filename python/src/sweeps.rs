@@ -8,7 +8,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, MetricStanding, standings};
-use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::progress::LabProgress;
 use skysink_lab::sweep;
 use skysink_lab::sweep::definition::MissionKey;
@@ -20,6 +19,7 @@ use skysink_lab::sweep::results::mission_columns;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
 use skysink_mission::files::write_whole;
+use skysink_mission::metrics::{MetricValues, MissionMeter};
 use toml::Table;
 
 use crate::errors::{of_lab, of_mission, refused};

@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_lab::metrics::Metric;
 use skysink_lab::sweep::manifest::RECORDING;
 use skysink_mission::error::FileContext as _;
 use skysink_mission::files::UNFINISHED;
+use skysink_mission::metrics::Metric;
 use skysink_mission::{Mission, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 

@@ -1,8 +1,8 @@
 //! The tables of a comparison, with one row per contender.
 
 use skysink_lab::compare::{Contender, MetricStanding};
-use skysink_lab::metrics::Metric;
 use skysink_lab::statistics::limits_text;
+use skysink_mission::metrics::Metric;
 
 use crate::error::Error;
 use crate::report::{figure, print, table, with_numbers_from};

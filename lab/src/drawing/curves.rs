@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use super::chart::{CurvePoint, Series};
-use crate::statistics::{MeanInterval, Support, paired_differences};
+use crate::statistics::{MeanInterval, paired_differences};
+use skysink_mission::metrics::Support;
 
 /// The values of a curve.
 #[derive(Debug, Clone)]

@@ -1,7 +1,8 @@
 //! The numbers of a figure as a table, in Markdown and for LaTeX.
 
 use super::chart::{Chart, CurvePoint};
-use crate::statistics::{Support, limits_text, told_decimals};
+use crate::statistics::{limits_text, told_decimals};
+use skysink_mission::metrics::Support;
 
 /// The numbers of a figure.
 #[derive(Debug, Clone, PartialEq)]

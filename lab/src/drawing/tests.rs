@@ -10,7 +10,7 @@ use super::page::{self, Look};
 use super::style;
 use super::table::TableCells;
 use crate::error::LabError;
-use crate::statistics::Support;
+use skysink_mission::metrics::Support;
 
 fn series(label: &str, points: &[(f64, f64, f64)]) -> Series {
     let points = points

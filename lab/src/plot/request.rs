@@ -9,7 +9,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::Setting;
 
 use crate::drawing::page::{Look, check_text};
-use crate::metrics::Metric;
+use skysink_mission::metrics::Metric;
 
 /// Allowed width of the figure [mm].
 const WIDTHS_MM: std::ops::RangeInclusive<f64> = 50.0..=1000.0;

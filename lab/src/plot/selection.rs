@@ -9,10 +9,10 @@ use skysink_planner::strategies::look_ahead;
 use toml::Value;
 
 use super::request::PlotRequest;
-use crate::metrics::Metric;
 use crate::sweep::definition::Definition;
 use crate::sweep::folder::FlownSweep;
 use crate::sweep::results::{number, text};
+use skysink_mission::metrics::Metric;
 
 /// The selected missions.
 #[derive(Debug)]

@@ -22,7 +22,7 @@ use super::results;
 use super::saved::SavedFile;
 use super::shard::Shard;
 use crate::error::LabError;
-use crate::metrics::Metric;
+use skysink_mission::metrics::Metric;
 
 /// File name of the journal.
 pub const JOURNAL: &str = "journal.csv";

@@ -18,7 +18,7 @@ use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
 use super::definition::{Definition, MissionKey};
 use crate::error::LabError;
-use crate::metrics::{Metric, MetricValues};
+use skysink_mission::metrics::{Metric, MetricValues};
 
 /// The metrics of a mission, as in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,7 +43,7 @@ mod metric_values {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    use crate::metrics::MetricValues;
+    use skysink_mission::metrics::MetricValues;
 
     pub fn serialize<S: Serializer>(values: &MetricValues, serializer: S) -> Result<S::Ok, S::Error> {
         values.as_slice().serialize(serializer)

@@ -18,7 +18,7 @@ use super::saved::external;
 use super::settings::SweepChanges;
 use super::shard::Shard;
 use crate::error::LabError;
-use crate::metrics::Metric;
+use skysink_mission::metrics::Metric;
 
 /// The parameters of a merge.
 #[derive(Debug, Args)]

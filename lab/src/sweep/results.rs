@@ -15,9 +15,9 @@ use strum::VariantArray;
 use super::definition::{Definition, MissionKey};
 use super::journal::{MissionRow, MissionRows, SweepJournal, missions_of};
 use crate::error::LabError;
-use crate::metrics::Metric;
 use crate::parquet_file::{ROWS_PER_GROUP, batch, begin};
 use crate::statistics::{Concentration, MeanInterval};
+use skysink_mission::metrics::Metric;
 
 /// The name of the minimum loss over all strategies, per field, in the summary.
 pub const BEST_KNOWN: &str = "best-known";

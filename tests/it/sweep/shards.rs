@@ -2,9 +2,9 @@
 
 use std::fs;
 
-use skysink_lab::metrics::Metric;
 use skysink_lab::sweep::journal::SweepJournal;
 use skysink_lab::sweep::manifest::Manifest;
+use skysink_mission::metrics::Metric;
 
 use super::{assert_equal, write_sweep};
 use crate::support::{Place, lines};

@@ -9,8 +9,8 @@ use clap::{Arg, Command};
 use skysink_common::sensors::COLUMNS;
 use skysink_lab::export::FORMATS;
 use skysink_lab::import::{COORDINATES, OTHERS};
-use skysink_lab::metrics::Metric;
 use skysink_library::{Library, gap};
+use skysink_mission::metrics::Metric;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 

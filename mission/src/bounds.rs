@@ -1,8 +1,8 @@
 //! The bounds of a mission, as rates, costs and scores.
 
+use crate::summary::score;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_mission::summary::score;
 use skysink_planner::bound::{CollectBound, MissionBound, collect_bound, cost_bound, least_weight, mission_bound};
 use skysink_planner::settings::{PlanningObjective, Settings};
 
@@ -46,12 +46,12 @@ pub fn bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> Missio
 }
 
 /// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.
-pub(crate) fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
+pub fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
     fraction(lost_bits, list.mission_bits(scenario))
 }
 
 /// A part of a whole; 0 of nothing.
-pub(crate) fn fraction(lost_bits: f64, sampled_bits: f64) -> f64 {
+pub fn fraction(lost_bits: f64, sampled_bits: f64) -> f64 {
     if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
 }
 

@@ -9,21 +9,53 @@ use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, UAV, uploads};
-use skysink_mission::ages::{AgeCounts, Ages, Delivered, DeliveredData};
-use skysink_mission::drive::{Observer, SlotSink};
-use skysink_mission::origin::RunMode;
-use skysink_mission::service_gaps::GapSums;
-use skysink_mission::summary::{RunTiming, Summary, Tally};
-use skysink_mission::{MissionError, Plant};
 use skysink_planner::settings::Settings;
 use strum::{EnumCount, VariantArray};
 
+use crate::ages::{AgeCounts, Ages, Delivered, DeliveredData};
 use crate::bounds::MissionBounds;
-use crate::statistics::Support;
+use crate::drive::{Observer, SlotSink};
+use crate::origin::RunMode;
+use crate::service_gaps::GapSums;
+use crate::summary::{RunTiming, Summary, Tally};
 use crate::trapped::Stay;
+use crate::{MissionError, Plant};
 
 /// The values of all metrics, in the order of [`Metric`].
 pub type MetricValues = [f64; Metric::COUNT];
+
+/// The range of a quantity and of its mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Support {
+    /// Any number.
+    Real,
+    /// A number that is not negative.
+    NonNegative,
+    /// A fraction, from 0 to 1.
+    Fraction,
+    /// The difference of two fractions, from −1 to 1.
+    FractionDifference,
+}
+
+impl Support {
+    /// The range of the difference of two such quantities.
+    pub fn of_difference(self) -> Self {
+        match self {
+            Self::Fraction => Self::FractionDifference,
+            Self::Real | Self::NonNegative | Self::FractionDifference => Self::Real,
+        }
+    }
+
+    /// Its least and its greatest value.
+    pub fn ends(self) -> [f64; 2] {
+        match self {
+            Self::Real => [f64::NEG_INFINITY, f64::INFINITY],
+            Self::NonNegative => [0.0, f64::INFINITY],
+            Self::Fraction => [0.0, 1.0],
+            Self::FractionDifference => [-1.0, 1.0],
+        }
+    }
+}
 
 /// What there is to know of a metric.
 struct MetricRow {
