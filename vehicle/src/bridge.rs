@@ -181,7 +181,7 @@ impl Bridge {
                 (Some(state), Beginning::First) => state.resumed(),
                 (Some(state), Beginning::Restarted { .. }) => state.restarted(),
             };
-            let mut control = VehicleControl::new(assignment, state, before.and_then(|before| before.home_m));
+            let mut control = VehicleControl::new(assignment, state, before);
             control.say_restored(before.map_or(state, |before| before.state));
             let was_over = beginning == Beginning::First && control.is_committed();
             let has_begun = was_over || beginning == Beginning::Restarted { in_mission: true };

@@ -11,9 +11,11 @@ use skysink_flight_sim::outside::REACHED_M;
 
 use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::jumps::{Jumps, Plausibility};
+use crate::link::ChosenVehicle;
 use crate::outbox::Outbox;
 use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::said::Said;
+use crate::saved::SavedVehicle;
 use crate::state::{LinkArrivals, VehicleState};
 use crate::table::{Checks, Command, Height, Input, State, step};
 use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, TEMPORARILY_REJECTED, Telemetry, UNSUPPORTED};
@@ -90,17 +92,20 @@ pub struct VehicleControl {
     waypoint: Option<Waypoint>,
     /// The altitude of its home above sea [m], as it was when it was armed: autopilots correct theirs in flight.
     home_m: Option<f64>,
+    /// What the bridge before has saved of it, until the vehicle reports its own.
+    saved_home_m: Option<f64>,
     /// Why its mission is to end, or has ended, in a sentence about "it"; empty before.
     end: String,
-    /// Whether it was armed when it was heard first: it is somebody else's.
-    was_found_armed: bool,
+    /// Whether it was believed disarmed before take-off, or was flown, in this run. One that was not is somebody else's,
+    /// or an earlier run's, and its failsafe is not to wait for this one.
+    was_down: bool,
     said: Said,
 }
 
 impl VehicleControl {
-    /// A vehicle in this state, of which nothing was heard yet; its home may be known from the bridge before.
+    /// A vehicle in this state, of which nothing was heard yet; `before` is what the bridge before has saved of it.
     #[must_use]
-    pub fn new(assignment: Assignment, state: State, home_m: Option<f64>) -> Self {
+    pub fn new(assignment: Assignment, state: State, before: Option<&SavedVehicle>) -> Self {
         let hearing = Hearing { arrivals: LinkArrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
         let start = assignment.start;
         let mut outbox = Outbox::default();
@@ -116,9 +121,10 @@ impl VehicleControl {
             since_s: 0.0,
             outbox,
             waypoint: (state == State::Fly { has_begun: false }).then(|| Waypoint::at(start)),
-            home_m,
+            home_m: None,
+            saved_home_m: before.and_then(|before| before.home_m),
             end: String::new(),
-            was_found_armed: false,
+            was_down: state.is_flown() || before.is_some_and(|before| before.was_down),
             said: Said::default(),
         }
     }
@@ -262,6 +268,7 @@ impl VehicleControl {
             let limit = 100.0 * self.assignment.low_battery;
             self.return_home(&format!("its battery is at {has:.0} %, below {limit:.0} %"));
         }
+        self.restore_home();
         if self.waypoint.is_some_and(|waypoint| !waypoint.is_queued) {
             self.queue_waypoint(now_s);
         }
@@ -278,12 +285,10 @@ impl VehicleControl {
         commands.iter().for_each(|command| self.command(*command, now_s, orders));
         self.say_what_lasts(&input, now_s);
         let is_down = input.believed.is_some_and(|report| !report.is_armed);
-        self.preflight.has_seen_down |= matches!(before, State::Check { .. }) && is_down;
-        self.was_found_armed |=
-            matches!(before, State::Check { .. }) && state == State::HandsOff && !self.preflight.has_seen_down;
+        self.was_down |= matches!(before, State::Check { .. }) && is_down || state.is_flown();
         // Somebody who arms it while the bridge waits flies it, with heartbeats; one that is found armed is no vehicle
         // to fly.
-        let is_kept = state == State::HandsOff && self.preflight.has_seen_down;
+        let is_kept = state == State::HandsOff && self.was_down;
         let was_refused = matches!(before, State::Check { .. }) && !state.is_ours() && !input.is_over && !is_kept;
         was_refused.then(|| PreflightRefusal(self.end.clone()))
     }
@@ -363,13 +368,11 @@ impl VehicleControl {
         let is_called = self.vehicle.autopilot.is_none() && now_s % CALL_EVERY_S < CALL_S;
         let is_withheld = match self.state {
             State::Done if !self.vehicle.says_armed() => return Heartbeats::Idle,
-            State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows), // else somebody flies it again
+            // Else somebody flies it again.
+            State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows) || !self.was_down,
             State::Silent => true,
-            // One that was found armed is somebody else's: its failsafe is not to wait for the bridge.
-            State::Check { may_fly_on: false } if self.vehicle.autopilot.is_some() && !self.preflight.has_seen_down => {
-                true
-            }
-            State::HandsOff if self.was_found_armed => true,
+            State::Check { .. } if self.vehicle.autopilot.is_some() && !self.was_down => true,
+            State::HandsOff => !self.was_down, // however long it is silent: a GCS failsafe would act over its pilot
             _ => self.state.may_fly() && self.vehicle.belief.doubt_s(now_s) >= UNHEARD_S && !is_called,
         };
         if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }
@@ -427,16 +430,24 @@ impl VehicleControl {
     }
 
     /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds.
-    /// What the bridge before has saved counts only if it is near what the vehicle reports.
     pub fn home_m(&self) -> Option<f64> {
-        let reported_m = self.vehicle.home_m();
-        let is_near = |home_m: &f64| reported_m.is_some_and(|reported_m| (home_m - reported_m).abs() < HOME_SLACK_M);
-        self.home_m.filter(is_near).or(reported_m)
+        self.home_m.or(self.vehicle.home_m())
     }
 
-    /// That altitude, once it was armed.
-    pub fn saved_home_m(&self) -> Option<f64> {
-        self.home_m
+    /// Takes what the bridge before has saved, once, if it is near what the vehicle reports.
+    fn restore_home(&mut self) {
+        if let Some(reported_m) = self.vehicle.home_m()
+            && let Some(saved_m) = self.saved_home_m.take()
+        {
+            self.home_m = Some(saved_m).filter(|saved_m| (saved_m - reported_m).abs() < HOME_SLACK_M);
+        }
+    }
+
+    /// What the bridge after this one has to know: its state, its home once it was armed, and whether it was seen
+    /// disarmed.
+    pub fn saved(&self, chosen: Option<ChosenVehicle>) -> SavedVehicle {
+        let home_m = self.home_m.or(self.saved_home_m);
+        SavedVehicle { chosen, state: self.state, home_m, was_down: self.was_down, was_flown: false }
     }
 
     /// Where it is [m]; `None` if that was never known. Its altitude is above its home as it was when it was armed, if

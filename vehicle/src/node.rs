@@ -25,7 +25,7 @@ use crate::clock::{Attention, VehicleClock};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
-use crate::saved::{SavedVehicle, SavedVehicles};
+use crate::saved::SavedVehicles;
 use crate::telemetry::Order;
 use crate::wire::{WireAddress, check_addresses};
 
@@ -339,16 +339,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut orders = Vec::new();
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
         let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
-        let saved = |(uav, chosen)| {
-            let control = self.bridge.control(uav);
-            SavedVehicle { chosen, state: control.state(), home_m: control.saved_home_m(), was_flown: false }
-        };
+        let saved = |(uav, chosen)| self.bridge.control(uav).saved(chosen);
         let vehicles = self.link.chosen().enumerate().map(saved).collect();
         let is_saved = self.saved.save(vehicles);
         for (uav, order) in orders {
-            if is_saved || order != Order::Arm {
+            if order != Order::Arm || is_saved && polled.is_ok() {
                 self.link.send(uav, &order);
-            } else {
+            } else if !is_saved {
                 self.bridge.forget_arming(uav);
             }
         }

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use crate::autopilot::{AutopilotKind, ModeMeaning, NamedModes};
 use crate::frame::AreaFrame;
 use crate::state::VehicleState;
-use crate::table::Checks;
+use crate::table::{Checks, Failsafe};
 use crate::telemetry::Order;
 
 /// Time between two questions for a parameter [s].
@@ -64,8 +64,6 @@ pub struct Preflight {
     pub missing: String,
     /// Whether they held when they were made last.
     pub holds: bool,
-    /// Whether the vehicle was seen on the ground, disarmed.
-    pub has_seen_down: bool,
 }
 
 impl Preflight {
@@ -111,7 +109,7 @@ impl Preflight {
         let wait = |what: &str| Ok(Some(what.to_owned()));
         let Some(autopilot) = vehicle.autopilot.filter(|_| !vehicle.is_lost(now_s)) else {
             // What comes next may be another one, or have been changed meanwhile.
-            *self = Self { has_seen_down: self.has_seen_down, ..Self::default() };
+            *self = Self::default();
             return wait("to send heartbeats");
         };
         let names_both = [ModeMeaning::Follows, ModeMeaning::Returns].iter().all(|mode| assignment.modes.names(*mode));
@@ -145,6 +143,9 @@ impl Preflight {
             let wanted = autopilot.follow_name();
             let is = vehicle.mode_name();
             return Ok(Some(format!("to be put into {wanted} by its operator: it is in {is}")));
+        }
+        if vehicle.failsafe(now_s) != Failsafe::Off {
+            return wait("to report no failsafe");
         }
         if !vehicle.is_ready() {
             return wait("to pass its own checks before arming");

@@ -2,6 +2,7 @@
 //! that is resumed.
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
@@ -14,6 +15,9 @@ use crate::table::State;
 /// The file.
 const VEHICLES: &str = "vehicles.json";
 
+/// Time after which a file that could not be written is tried again, if nothing is new.
+const RETRY: Duration = Duration::from_secs(1);
+
 /// What is known of a vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SavedVehicle {
@@ -23,12 +27,16 @@ pub struct SavedVehicle {
     pub state: State,
     /// The altitude of its home above sea [m], as it was when it was armed.
     pub home_m: Option<f64>,
-    /// Whether a bridge of this run has flown it.
+    /// Whether it was believed disarmed before take-off, or was flown, in this run.
+    #[serde(default)]
+    pub was_down: bool,
+    /// Whether a bridge of this run has armed it.
     pub was_flown: bool,
 }
 
 /// A vehicle of which nothing is known any more: it may have been armed.
-const UNKNOWN: SavedVehicle = SavedVehicle { chosen: None, state: State::Silent, home_m: None, was_flown: true };
+const UNKNOWN: SavedVehicle =
+    SavedVehicle { chosen: None, state: State::Silent, home_m: None, was_down: true, was_flown: true };
 
 /// Whether a vehicle of the run in the folder `run` is flown by others, or none flies any more: it is not to be
 /// resumed.
@@ -54,7 +62,9 @@ pub fn resume(run: &Path, folder: &Path) -> Result<(), InputError> {
     if vehicles.iter().all(|vehicle| matches!(vehicle.state, State::HandsOff | State::Done)) {
         return Err(refused("its vehicles have landed, or were flown by others: expected a new run"));
     }
-    vehicles.iter_mut().for_each(|vehicle| vehicle.was_flown = false); // by the run that resumes it
+    for vehicle in &mut vehicles {
+        [vehicle.was_down, vehicle.was_flown] = [false; 2]; // in the run that resumes it
+    }
     write(&folder.join(VEHICLES), &vehicles)
         .map_err(|error| refused(&format!("it cannot be handed to the ring: {error}")))
 }
@@ -68,6 +78,10 @@ pub struct SavedVehicles {
     /// By UAV, in the ring and in the folder of the run.
     vehicles: Vec<SavedVehicle>,
     in_run: Vec<SavedVehicle>,
+    /// Whether something was saved that cannot be read.
+    is_lost: bool,
+    /// When a file could not be written last.
+    failed: Option<Instant>,
     /// The files of which it was said that they cannot be written.
     said: Vec<PathBuf>,
 }
@@ -85,6 +99,7 @@ impl SavedVehicles {
         }
         let vehicles =
             read(&path).filter(|_| !is_gone).filter(|vehicles| vehicles.is_empty() || vehicles.len() == uavs);
+        let is_lost = vehicles.is_none();
         let vehicles = vehicles.unwrap_or_else(|| {
             let line = format_args!("{VEHICLES} cannot be read: no vehicle is armed, as the bridge before may have");
             Role::FlightSim.log(line);
@@ -92,12 +107,12 @@ impl SavedVehicles {
         });
         let run = record_path(folder);
         let in_run = run.as_ref().and_then(|run| read(&run.join(VEHICLES))).unwrap_or_default();
-        Self { folder: folder.to_owned(), run, vehicles, in_run, said: Vec::new() }
+        Self { folder: folder.to_owned(), run, vehicles, in_run, is_lost, failed: None, said: Vec::new() }
     }
 
     /// Whether something was saved that cannot be read: a vehicle may have been armed.
     pub fn is_lost(&self) -> bool {
-        self.vehicles.contains(&UNKNOWN)
+        self.is_lost
     }
 
     /// The vehicles, by UAV; none before they are saved.
@@ -109,18 +124,21 @@ impl SavedVehicles {
     /// keeps what it has of vehicles that an earlier run has flown, and no bridge of this one. Returns whether it is
     /// saved for the next bridge.
     pub fn save(&mut self, mut vehicles: Vec<SavedVehicle>) -> bool {
+        let may_retry = self.failed.is_none_or(|failed| failed.elapsed() >= RETRY);
         for (uav, vehicle) in vehicles.iter_mut().enumerate() {
-            let flies = matches!(vehicle.state, State::Climb | State::Fly { .. } | State::Home { .. });
-            vehicle.was_flown |= flies || self.vehicles.get(uav).is_some_and(|before| before.was_flown);
+            vehicle.was_flown |=
+                vehicle.state.is_flown() || self.vehicles.get(uav).is_some_and(|before| before.was_flown);
         }
         if let Some(run) = &self.run {
             let kept = |(uav, vehicle): (usize, &SavedVehicle)| match self.in_run.get(uav) {
                 Some(before) if before.was_flown && !vehicle.was_flown => *before,
+                Some(before) if self.is_lost && vehicle.state == State::Silent => *before, // it may know more
                 _ => *vehicle,
             };
             let in_run: Vec<SavedVehicle> = vehicles.iter().enumerate().map(kept).collect();
             let path = run.join(VEHICLES);
-            let is_new = in_run != self.in_run && vehicles.iter().any(|vehicle| vehicle.was_flown);
+            let is_tried = may_retry || vehicles != self.vehicles;
+            let is_new = is_tried && in_run != self.in_run && vehicles.iter().any(|vehicle| vehicle.was_flown);
             if is_new && self.write(&path, &in_run, ": --resume would fly its vehicles as they were before") {
                 self.in_run = in_run;
             }
@@ -139,6 +157,9 @@ impl SavedVehicles {
     /// was written.
     fn write(&mut self, path: &Path, vehicles: &[SavedVehicle], follows: &str) -> bool {
         let written = write(path, vehicles);
+        if written.is_err() {
+            self.failed = Some(Instant::now());
+        }
         if let Err(error) = &written
             && !self.said.iter().any(|said| said == path)
         {
@@ -169,7 +190,7 @@ mod tests {
 
     fn vehicle(state: State) -> SavedVehicle {
         let chosen = Some(ChosenVehicle { system: 3, address: Some(([127, 0, 0, 1], 14550).into()) });
-        SavedVehicle { chosen, state, home_m: Some(488.3), was_flown: state.is_flown() }
+        SavedVehicle { chosen, state, home_m: Some(488.3), was_down: true, was_flown: state.is_flown() }
     }
 
     const FLY: State = State::Fly { has_begun: true };
@@ -212,7 +233,7 @@ mod tests {
         save([State::Home { was_seen: true }, FLY]);
         begin_again();
         save([State::HandsOff, State::Done]); // resumed too early
-        save([State::HandsOff, State::Arm { was_armed: false }]);
+        save([State::HandsOff, CHECK]);
         assert_eq!(in_run(), [State::Home { was_seen: true }, FLY]);
         assert!(!is_over(run.path()));
 
@@ -236,6 +257,8 @@ mod tests {
         let pilot = vec![SavedVehicle { was_flown: true, ..vehicle(State::HandsOff) }];
         assert!(saved.save(pilot.clone()) && !run.join(VEHICLES).exists());
         std::fs::create_dir(&run).unwrap();
+        assert!(saved.save(pilot.clone()) && !run.join(VEHICLES).exists(), "not at each poll");
+        std::thread::sleep(RETRY);
         assert!(saved.save(pilot.clone()));
         assert_eq!(read(&run.join(VEHICLES)).unwrap(), pilot);
     }

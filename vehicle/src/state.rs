@@ -12,6 +12,9 @@ use crate::telemetry::{Fix, Order, Stream, Telemetry};
 /// Age from which a position is not current any more [s].
 const OLD_FIX_S: f64 = 2.0;
 
+/// Age from which it is not known any more what a vehicle says of the ground [s]: its altitude counts then.
+const OLD_IN_AIR_S: f64 = 10.0;
+
 /// Altitude above home from which a vehicle is in the air, if it does not say so itself [m].
 const IN_AIR_M: f64 = 1.0;
 
@@ -116,7 +119,8 @@ pub struct VehicleState {
     /// Since when one of its failsafes acts [s].
     failsafe_s: Option<f64>,
     fix: Option<(Fix, f64)>,
-    says_in_air: Option<bool>,
+    /// Whether it says that it is in the air, and when it said so [s].
+    says_in_air: Option<(bool, f64)>,
     /// The last altitudes of its home above sea [m]; before take-off their median is the one that counts.
     homes_m: VecDeque<f64>,
     streams: Streams,
@@ -161,6 +165,7 @@ impl VehicleState {
     /// Takes in a message. Modes have the meanings of the autopilot, or those that are `named`; a battery below
     /// `low_battery`, as a fraction of its capacity, is low.
     pub fn hear(&mut self, telemetry: &Telemetry, named: &NamedModes, low_battery: f64, now_s: f64) {
+        self.says_in_air = self.says_in_air.filter(|(_, said_s)| now_s - said_s < OLD_IN_AIR_S);
         match *telemetry {
             Telemetry::Heartbeat { autopilot, mode, is_armed, is_critical } => {
                 self.autopilot = Some(autopilot);
@@ -173,7 +178,7 @@ impl VehicleState {
                 if let Some(autopilot) = self.autopilot {
                     self.mode = Some(mode);
                     self.streams.modes += 1;
-                    self.belief.hear_mode(named.meaning(autopilot, mode), !self.is_high(), now_s);
+                    self.belief.hear_mode(named.meaning(autopilot, mode), !self.is_high() || self.is_low(), now_s);
                 }
             }
             Telemetry::Position(fix) => {
@@ -188,7 +193,7 @@ impl VehicleState {
                 self.power.hear(left, low_battery);
                 self.ready = is_ready.map(|is_ready| (is_ready, now_s));
             }
-            Telemetry::InAir(is_in_air) => self.says_in_air = Some(is_in_air),
+            Telemetry::InAir(is_in_air) => self.says_in_air = Some((is_in_air, now_s)),
             Telemetry::Answer { .. } | Telemetry::Text { .. } | Telemetry::Parameter { .. } => {}
         }
     }
@@ -288,7 +293,12 @@ impl VehicleState {
     /// Whether it is above the ground, by its own judgement or by its altitude.
     pub fn is_high(&self) -> bool {
         let is_above_home = self.fix().is_some_and(|fix| fix.above_home_m > IN_AIR_M);
-        self.says_in_air.unwrap_or(is_above_home)
+        self.says_in_air.map_or(is_above_home, |(is_in_air, _)| is_in_air)
+    }
+
+    /// Whether it is at the altitude of its home, so that it may have landed without having said so.
+    fn is_low(&self) -> bool {
+        self.fix().is_some_and(|fix| fix.above_home_m <= IN_AIR_M)
     }
 
     /// Whether it is on the ground: it says so, or is at the altitude of its home, or has stood somewhere for some

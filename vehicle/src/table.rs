@@ -306,6 +306,9 @@ fn judge_disarmed(state: State, report: Report, input: &Input) -> Option<(State,
         State::Check { may_fly_on: true } if input.height == Height::Ground => {
             Some((State::Check { may_fly_on: false }, NOTHING, None))
         }
+        State::Check { may_fly_on: false } if input.checks == Checks::Refused && !input.is_over => {
+            Some(done(Ending::ChecksFailed))
+        }
         State::Check { may_fly_on: false } => {
             let is_ready = input.checks == Checks::Hold && input.are_all_checked && input.is_placed;
             let may_arm = is_ready && !input.is_over && input.height == Height::Ground;
@@ -375,7 +378,6 @@ fn leave(state: State, report: Report, input: &Input) -> Option<(State, Orders, 
 fn expire(state: State, input: &Input) -> Option<(State, Orders, Option<SpokenLine>)> {
     match state {
         State::Check { may_fly_on: false } if input.is_over => Some(done(Ending::Over)),
-        State::Check { may_fly_on: false } if input.checks == Checks::Refused => Some(done(Ending::ChecksFailed)),
         State::Arm { .. } if input.is_over => Some(done(Ending::OverInArm)),
         State::Arm { was_armed: false } if input.is_refused => Some(done(Ending::ArmingRefused)),
         State::Arm { .. } if input.is_late => Some(done(Ending::ArmingLost)),

@@ -10,11 +10,11 @@ use crate::table::{Checks, Ending, Failsafe, Height, Input, Left, SpokenLine, St
 const SAID_S: f64 = 10.0;
 const MISSING_S: f64 = 2.0;
 
-/// Silence up to which a vehicle is heard [s].
-const HEARD_S: f64 = 1.0;
-
 /// The same of a return [s].
 const SLOW_S: f64 = 60.0;
+
+/// Silence up to which a vehicle is heard [s].
+const HEARD_S: f64 = 1.0;
 
 impl VehicleControl {
     /// Says how it goes on from the state in which the bridge before, or the run before, has saved it.
@@ -54,6 +54,7 @@ impl VehicleControl {
             SpokenLine::FliesOn => return self.said.say("is in the air: flying on".to_owned()),
             SpokenLine::IsAtStart => return self.said.say("hovers at its start".to_owned()),
             SpokenLine::Returns(_) => "returns",
+            SpokenLine::HandsOff(TakenBy::Armed) if !self.was_down => "is not flown",
             SpokenLine::HandsOff(_) => "is overridden",
             SpokenLine::Silent(_) => "is left to its GCS failsafe",
             SpokenLine::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
@@ -69,7 +70,8 @@ impl VehicleControl {
             SpokenLine::Returns(Ending::NoClimb) => "it does not reach its altitude within two minutes".to_owned(),
             SpokenLine::Returns(Ending::NoStart) => "it does not reach its start within ten minutes".to_owned(),
             SpokenLine::HandsOff(TakenBy::Armed) => format!(
-                "it is armed ({mode}), by somebody else or by an earlier run: expected it on the ground, disarmed"
+                "it is armed ({mode}), by somebody else or by an earlier run: expected it on the ground, disarmed; try \
+                 again when it has landed"
             ),
             SpokenLine::HandsOff(TakenBy::Mode) => format!("its mode changed to {mode}"),
             SpokenLine::HandsOff(TakenBy::Return) => {
@@ -94,7 +96,7 @@ impl VehicleControl {
             _ => self.end.clone(),
         };
         let more = match line {
-            SpokenLine::HandsOff(TakenBy::Armed) if !self.preflight.has_seen_down => "",
+            SpokenLine::HandsOff(TakenBy::Armed) if !self.was_down => "",
             SpokenLine::HandsOff(_) => {
                 ". The bridge gives it no more commands in this run, which goes on; Ctrl-C ends it, and with it the heartbeats \
                  for which its GCS failsafe waits"
@@ -136,7 +138,7 @@ impl VehicleControl {
                 "doubt",
                 does_not_agree,
                 SAID_S,
-                "its reports of mode and arming do not agree: it gets no commands, and soon no heartbeats".to_owned(),
+                "its reports of mode and arming do not agree: it gets no commands, and no heartbeats".to_owned(),
             ),
             ("stands", is_off && input.says_armed && is_on_ground, SAID_S, "stands on the ground, armed".to_owned()),
             (

@@ -41,6 +41,44 @@ fn late_copies_of_a_heartbeat_from_before_take_off_end_no_mission() {
     }
 }
 
+/// What it says of the ground stops while it climbs.
+#[test]
+fn a_vehicle_that_has_stopped_to_say_whether_it_is_on_the_ground_is_judged_by_its_altitude() {
+    for autopilot in KINDS {
+        let mut flight = flight_over(autopilot);
+        flight.until(60.0, |flight| take_offs(flight) > 0);
+        flight.hear(&Telemetry::InAir(false));
+        flight.is_silent_of_ground = true;
+        flight.until(90.0, |flight| flight.bridge.has_begun());
+    }
+}
+
+/// An autopilot reports the mode after a landing before it says that it has landed, and has disarmed.
+#[test]
+fn the_mode_after_a_landing_is_not_taken_for_a_stopped_return() {
+    let mut flight = hovering(AutopilotKind::Px4);
+    flight.bridge.return_home("the mission is over");
+    flight.until(90.0, |flight| flight.copter.body.position_m.z < 0.05);
+    assert_eq!(flight.state(), State::Home { was_seen: true });
+    flight.hear(&Telemetry::InAir(true));
+    for _ in 0..3 {
+        flight.hear(&Telemetry::Mode(3 << 24 | 4 << 16));
+    }
+    flight.until(90.0, |flight| flight.bridge.has_landed());
+    assert_eq!(count(&flight, "has landed"), 1, "{:?}", flight.said);
+}
+
+/// A pilot flies it out of the range of its reports: the failsafe that acts without heartbeats would act over him.
+#[test]
+fn a_vehicle_that_its_pilot_flies_gets_heartbeats_however_long_it_is_silent() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    let _ = flight.copter.change_to(CopterMode::Loiter);
+    flight.until(10.0, |flight| flight.state() == State::HandsOff);
+    let later_s = flight.now_s + 60.0;
+    let _ = flight.bridge.poll(later_s, |_, _| {}, |_, _| {});
+    assert_eq!(flight.bridge.control(0).heartbeats(later_s), Heartbeats::Due);
+}
+
 #[test]
 fn a_vehicle_that_is_silent_after_take_off_is_not_taken_for_one_on_the_ground() {
     let mut flight = flight_over(AutopilotKind::ArduPilot);

@@ -334,6 +334,11 @@ fn altitudes_are_those_above_the_home_of_the_arming() {
     flight.advance(3.0);
     let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
     assert!((report.z_m - 20.0).abs() < 0.2 && report.flown_mode() == Mode::Serve, "{report:?}");
+    // Somebody sets another home, far below.
+    flight.drift_m = 38.0;
+    flight.advance(10.0);
+    let report = flight.fly_slot(3, Some(plan(50.0, 62.0)));
+    assert!((report.z_m - 20.0).abs() < 0.2 && report.flown_mode() == Mode::Serve, "{report:?}");
 }
 
 /// P7: a waypoint waits for no report.

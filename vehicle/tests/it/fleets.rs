@@ -22,7 +22,9 @@ const CHECK: State = State::Check { may_fly_on: false };
 fn fleet<const N: usize>(beginning: Beginning, states: [State; N], keys: &str) -> Bridge {
     let third = FLEET.replace("count = 2", "count = 3").replace("[60.0, 50.0]", "[60.0, 50.0], [70.0, 50.0]");
     let all = scenario(&format!("{}{keys}", if N == 3 { &third } else { FLEET }));
-    let saved = states.map(|state| SavedVehicle { chosen: None, state, home_m: Some(488.0), was_flown: true });
+    let was_down = beginning != Beginning::First;
+    let saved =
+        states.map(|state| SavedVehicle { chosen: None, state, home_m: Some(488.0), was_down, was_flown: true });
     let saved = if states == [CHECK; N] { &[][..] } else { &saved };
     Bridge::new(&all, &[SensorNode::default()], AreaFrame::at(HOME), &start(&all), beginning, saved, &own(N))
 }
@@ -232,6 +234,31 @@ fn a_vehicle_that_is_found_armed_gets_no_heartbeats_while_another_flies_on() {
     assert_eq!(bridge.control(1).state(), State::HandsOff);
     assert_eq!(bridge.control(1).heartbeats(now_s), Heartbeats::Withheld);
     assert_eq!(bridge.control(0).heartbeats(now_s), Heartbeats::Due);
+}
+
+/// The same of a vehicle that the checks would refuse: what is armed is no vehicle to check, and its failsafe acts under
+/// the bridge after this one, too.
+#[test]
+fn a_vehicle_that_is_found_armed_is_not_refused_by_its_battery() {
+    let mut bridge = fleet(Beginning::First, [FLIES, State::Home { was_seen: true }], "");
+    let mut now_s = 0.0;
+    let speaks = both([20.0; 2], [GUIDED, RETURN], [true; 2]);
+    run(&mut bridge, 12.0, &mut now_s, |bridge, now_s| {
+        speaks(bridge, now_s);
+        bridge.hear(1, &Telemetry::Battery(Some(0.1)), now_s);
+    });
+    assert_eq!(
+        (bridge.control(1).state(), bridge.control(1).heartbeats(now_s)),
+        (State::HandsOff, Heartbeats::Withheld)
+    );
+    let saved = [0, 1].map(|uav| bridge.control(uav).saved(None));
+    let restarted = Beginning::Restarted { in_mission: true };
+    let all = start(&scenario(FLEET));
+    let mut next =
+        Bridge::new(&scenario(FLEET), &[SensorNode::default()], AreaFrame::at(HOME), &all, restarted, &saved, &own(2));
+    let mut now_s = 0.0;
+    run(&mut next, 3.0, &mut now_s, both([20.0; 2], [GUIDED, RETURN], [true; 2]));
+    assert_eq!([0, 1].map(|uav| next.control(uav).heartbeats(now_s)), [Heartbeats::Due, Heartbeats::Withheld]);
 }
 
 /// A run is resumed whose vehicle hovers at its start.

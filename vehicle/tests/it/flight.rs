@@ -79,6 +79,8 @@ pub struct ClosedLoop {
     /// How much its altitude above home is wrong [m].
     pub drift_m: f64,
     pub says_no_position: bool,
+    /// Whether it does not say whether it is in the air.
+    pub is_silent_of_ground: bool,
     /// Whether it says neither its mode nor whether it is armed.
     pub says_no_mode: bool,
     /// Whether it stays armed on the ground.
@@ -209,6 +211,7 @@ impl ClosedLoop {
             is_odd: false,
             jump_m: 0.0,
             drift_m: 0.0,
+            is_silent_of_ground: false,
             says_no_position: false,
             says_no_mode: false,
             stays_armed: false,
@@ -225,7 +228,9 @@ impl ClosedLoop {
 
     /// The same flight under the next bridge, which knows what this one has saved.
     pub fn restart(&mut self, beginning: Beginning) {
-        self.restart_with(beginning, &self.saved());
+        let mut saved = self.saved();
+        saved.iter_mut().for_each(|vehicle| vehicle.was_down &= beginning != Beginning::First);
+        self.restart_with(beginning, &saved);
     }
 
     pub fn restart_with(&mut self, beginning: Beginning, saved: &[SavedVehicle]) {
@@ -236,8 +241,7 @@ impl ClosedLoop {
 
     /// What the bridge has to save.
     pub fn saved(&self) -> Vec<SavedVehicle> {
-        let control = self.bridge.control(0);
-        vec![SavedVehicle { chosen: None, state: control.state(), home_m: control.saved_home_m(), was_flown: true }]
+        vec![SavedVehicle { was_flown: true, ..self.bridge.control(0).saved(None) }]
     }
 
     pub fn state(&self) -> State {
@@ -389,7 +393,9 @@ impl ClosedLoop {
             self.hear(&self.heartbeat(is_armed));
         }
         if self.every(1.0) {
-            self.hear(&Telemetry::InAir(self.copter.is_in_air()));
+            if !self.is_silent_of_ground {
+                self.hear(&Telemetry::InAir(self.copter.is_in_air()));
+            }
             let is_ready = Some(self.copter.is_ready());
             let battery = Telemetry::Status { left: Some(self.copter.battery), is_ready };
             self.hear(&self.says_battery.clone().unwrap_or(battery));

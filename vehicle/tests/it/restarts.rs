@@ -165,7 +165,7 @@ fn a_run_is_not_resumed_while_its_vehicle_returns_or_is_flown() {
             flight.until(10.0, |flight| flight.refusal.is_some());
             let why = flight.refusal.as_ref().unwrap().why.to_string();
             assert!(
-                why.ends_with("by somebody else or by an earlier run: expected it on the ground, disarmed"),
+                why.ends_with("by somebody else or by an earlier run: expected it on the ground, disarmed; try again when it has landed"),
                 "{why}"
             );
             assert!(flight.orders.is_empty(), "{:?}", flight.orders);
