@@ -10,8 +10,8 @@ use skysink_common::geometry::above;
 use skysink_flight_sim::outside::REACHED_M;
 
 use crate::autopilot::{AutopilotKind, ModeMeaning};
+use crate::identity::ChosenVehicle;
 use crate::jumps::{Jumps, Plausibility};
-use crate::link::ChosenVehicle;
 use crate::outbox::Outbox;
 use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::said::Said;

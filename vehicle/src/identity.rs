@@ -5,8 +5,18 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavType};
+use serde::{Deserialize, Serialize};
 
 use crate::telemetry::Fix;
+
+/// A vehicle that is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChosenVehicle {
+    /// Its system.
+    pub system: u8,
+    /// Its address, over UDP.
+    pub address: Option<SocketAddr>,
+}
 
 /// How long a connection is listened to before the only vehicle on it is chosen [s].
 const LISTEN_S: f64 = 4.0;

@@ -7,11 +7,10 @@ use std::net::SocketAddr;
 
 use mavlink::MavHeader;
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
-use serde::{Deserialize, Serialize};
 
 use crate::codec::{AUTOPILOT, answers_to, decode, encode};
 use crate::control::Heartbeats;
-use crate::identity::{Sender, Vehicles};
+use crate::identity::{ChosenVehicle, Sender, Vehicles};
 use crate::telemetry::{Fix, Order, Telemetry};
 use crate::wire::{Received, Wire, WireAddress};
 
@@ -37,15 +36,6 @@ struct LinkedWire {
     wire: Wire,
     vehicles: Vehicles,
     noticed: BTreeSet<String>,
-}
-
-/// A vehicle that is chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ChosenVehicle {
-    /// Its system.
-    pub system: u8,
-    /// Its address, over UDP.
-    pub address: Option<SocketAddr>,
 }
 
 /// The vehicle of a UAV.

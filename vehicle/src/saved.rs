@@ -9,7 +9,7 @@ use skysink_common::error::InputError;
 use skysink_ring::folder::record_path;
 use skysink_ring::role::Role;
 
-use crate::link::ChosenVehicle;
+use crate::identity::ChosenVehicle;
 use crate::table::State;
 
 /// The file.

@@ -130,11 +130,13 @@ const MODELS: [Model; 18] = [
 
 /// The scenario of a strategy with a model.
 fn text((_, _, planner): Strategy, (_, keys, area): Model) -> String {
+    let keys = keys.concat();
+    let slots = if keys.contains("battery") || keys.contains("energy") { 80 } else { 40 }; // until it is empty
     format!(
-        "name = 'trace'\nseed = 5\nslots = 80\narea.side_m = 200.0\n{}sensors.count = 60\n\
+        "name = 'trace'\nseed = 5\nslots = {slots}\narea.side_m = 200.0\n{}sensors.count = 60\n\
          sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 200\nplanner.offline.steps = 4000\n{}{}",
         area.lines().map(|line| format!("area.{line}\n")).collect::<String>(),
-        keys.concat(),
+        keys,
         planner.lines().map(|line| format!("planner.{line}\n")).collect::<String>(),
     )
 }

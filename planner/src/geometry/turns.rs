@@ -275,6 +275,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(100))]
+
         #[test]
         fn every_disk_is_visited_once_at_a_point_inside(
             coordinates in prop::collection::vec((0.0..100.0, 0.0..100.0), 0..60),

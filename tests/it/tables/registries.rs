@@ -100,7 +100,7 @@ fn module_documentation(text: &str) -> Vec<String> {
 
 /// The metrics with their units and definitions.
 pub fn metrics() -> String {
-    let text = read("lab/src/metrics.rs");
+    let text = read("mission/src/metrics.rs");
     let rows = documented(block(&text, "metrics! {\n", "\n}\n").expect("the rows"));
     let mut rows = rows.into_iter().filter(|item| !item.words.is_empty());
     let row = |metric: Metric| {

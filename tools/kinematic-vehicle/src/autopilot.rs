@@ -129,9 +129,8 @@ impl Copter {
         let is_guided = self.mode == CopterMode::Guided;
         let is_px4 = self.options.is_px4();
         match given {
-            Given::Mode(mode) => {
-                CopterMode::from_repr(mode).map_or(MavResult::MAV_RESULT_FAILED, |mode| self.change_to(mode))
-            }
+            Given::Mode(mode) => CopterMode::of(self.options.autopilot, mode)
+                .map_or(MavResult::MAV_RESULT_FAILED, |mode| self.change_to(mode)),
             Given::Return => self.change_to(CopterMode::Return),
             Given::Arm => self.arm(),
             Given::TakeOff(z_m) if (is_guided || is_px4) && self.is_armed && !self.is_in_air() => {

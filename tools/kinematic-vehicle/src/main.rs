@@ -20,11 +20,11 @@ struct Cli {
 
 fn main() -> ExitCode {
     let Cli { options, mission } = Cli::parse();
-    let flown = match &mission {
+    let flown = options.check().and_then(|()| match &mission {
         Some(path) => fly(path, &options),
         None => server::serve(&options, &stop_on_signals(), |_, _| {})
             .map_err(|error| format!("{}: {error}", options.connect)),
-    };
+    });
     match flown {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {

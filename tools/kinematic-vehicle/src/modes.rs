@@ -1,7 +1,6 @@
 //! The autopilots that are imitated, and their modes.
 
 use clap::ValueEnum;
-use strum::FromRepr;
 
 /// The autopilot that is imitated.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -14,7 +13,7 @@ pub enum Imitated {
 }
 
 /// Flight modes, by ArduCopter's numbers but [`TakeOff`](Self::TakeOff).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, FromRepr, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[repr(u32)]
 pub enum CopterMode {
     /// Flown by a pilot.
@@ -43,5 +42,32 @@ impl CopterMode {
             (Imitated::Px4, Self::Return) => 4 << 16 | 5 << 24,
             (Imitated::Px4, Self::Land) => 4 << 16 | 6 << 24,
         }
+    }
+
+    /// The mode of this number of `autopilot`; `None` if there is none that is imitated.
+    pub fn of(autopilot: Imitated, number: u32) -> Option<Self> {
+        let mut modes = Self::value_variants().iter().copied().filter(|mode| mode.is_of(autopilot));
+        modes.find(|mode| mode.number(autopilot) == number)
+    }
+
+    /// Whether `autopilot` has it.
+    pub fn is_of(self, autopilot: Imitated) -> bool {
+        autopilot == Imitated::Px4 || self != Self::TakeOff
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mode_is_known_by_its_number() {
+        for autopilot in [Imitated::Arducopter, Imitated::Px4] {
+            for &mode in CopterMode::value_variants() {
+                let expected = mode.is_of(autopilot).then_some(mode);
+                assert_eq!(CopterMode::of(autopilot, mode.number(autopilot)), expected, "{autopilot:?}");
+            }
+        }
+        assert_eq!(CopterMode::of(Imitated::Px4, 4), None);
     }
 }

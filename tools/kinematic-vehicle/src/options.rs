@@ -46,7 +46,7 @@ pub struct KinematicOptions {
     #[arg(long, value_name = "MPS", default_value = "0", value_parser = least())]
     pub wind: f64,
     /// Probability of a message to be lost, in both directions.
-    #[arg(long, value_name = "P", default_value = "0", value_parser = least())]
+    #[arg(long, value_name = "P", default_value = "0", value_parser = number("a probability, from 0 to 1", |number| (0.0..=1.0).contains(&number)))]
     pub loss: f64,
     /// Refuse to arm this many times, though its own checks pass.
     #[arg(long, value_name = "N", default_value = "0")]
@@ -89,6 +89,18 @@ impl Default for KinematicOptions {
 }
 
 impl KinematicOptions {
+    /// Checks that its autopilot has the mode.
+    ///
+    /// # Errors
+    /// A line that names the mode.
+    pub fn check(&self) -> Result<(), String> {
+        if self.mode.is_of(self.autopilot) {
+            Ok(())
+        } else {
+            Err("--mode take-off: expected --autopilot px4".to_owned())
+        }
+    }
+
     /// The parameter of its GCS failsafe.
     pub fn gcs_failsafe(&self) -> u8 {
         self.gcs_failsafe.unwrap_or(if self.is_px4() { 2 } else { 1 })

@@ -165,8 +165,8 @@ impl LinkedCopter {
         match message {
             MavMessage::HEARTBEAT(_) if header.system_id == u32::from(GROUND_STATION) => self.copter.hear_bridge(),
             MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
-                let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
-                let result = self.obey_long(command.command, p1, p2, p7, link.options.is_px4());
+                let parameters = [command.param1, command.param2, command.param3, command.param7].map(f64::from);
+                let result = self.obey_long(command.command, parameters, link.options.is_px4());
                 self.answer(command.command, result, header.system_id as u8, link);
             }
             MavMessage::COMMAND_INT(command) if is_mine(command.target_system) => {
@@ -202,8 +202,9 @@ impl LinkedCopter {
         }
     }
 
-    fn obey_long(&mut self, command: MavCmd, p1: f64, p2: f64, p7: f64, is_px4: bool) -> MavResult {
+    fn obey_long(&mut self, command: MavCmd, [p1, p2, p3, p7]: [f64; 4], is_px4: bool) -> MavResult {
         let given = match command {
+            MavCmd::MAV_CMD_DO_SET_MODE if is_px4 => Given::Mode((p2 as u32) << 16 | (p3 as u32) << 24),
             MavCmd::MAV_CMD_DO_SET_MODE => Given::Mode(p2 as u32),
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if p1 == 1.0 => Given::Arm,
             MavCmd::MAV_CMD_NAV_TAKEOFF => Given::TakeOff(if is_px4 { p7 - HOME_M } else { p7 }),
@@ -396,7 +397,7 @@ mod tests {
         assert_eq!(state.landed_state, MavLandedState::MAV_LANDED_STATE_ON_GROUND);
         let mut positions = |asked_us: f64| {
             let command = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
-            vehicle.obey_long(command, f64::from(GLOBAL_POSITION_INT_DATA::ID), asked_us, 0.0, false);
+            vehicle.obey_long(command, [f64::from(GLOBAL_POSITION_INT_DATA::ID), asked_us, 0.0, 0.0], false);
             let begin_s = vehicle.copter.boot_s;
             (1..=400).for_each(|step| {
                 vehicle.copter.boot_s = begin_s + f64::from(step) * 0.01;
