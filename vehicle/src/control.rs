@@ -70,6 +70,17 @@ impl Waypoint {
     }
 }
 
+/// Which altitude of its home counts, above sea [m].
+#[derive(Debug, Clone, Copy)]
+enum HomeAltitude {
+    /// The one that it reports.
+    Reported,
+    /// That too, until it is known whether it is near the one that the bridge before has saved.
+    Saved(f64),
+    /// The one of the arming: autopilots correct theirs in flight.
+    Frozen(f64),
+}
+
 /// What is believed of what comes in.
 #[derive(Debug, Clone)]
 struct Hearing {
@@ -90,15 +101,9 @@ pub struct VehicleControl {
     since_s: f64,
     outbox: Outbox,
     waypoint: Option<Waypoint>,
-    /// The altitude of its home above sea [m], as it was when it was armed: autopilots correct theirs in flight.
-    home_m: Option<f64>,
-    /// What the bridge before has saved of it, until the vehicle reports its own.
-    saved_home_m: Option<f64>,
+    home: HomeAltitude,
     /// Why its mission is to end, or has ended, in a sentence about "it"; empty before.
     end: String,
-    /// Whether it was believed disarmed before take-off, or was flown, in this run. One that was not is somebody else's,
-    /// or an earlier run's, and its failsafe is not to wait for this one.
-    was_down: bool,
     said: Said,
 }
 
@@ -108,6 +113,7 @@ impl VehicleControl {
     pub fn new(assignment: Assignment, state: State, before: Option<&SavedVehicle>) -> Self {
         let hearing = Hearing { arrivals: LinkArrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
         let start = assignment.start;
+        let was_down = state.is_flown() || before.is_some_and(|before| before.was_down);
         let mut outbox = Outbox::default();
         if let State::Fly { .. } = state {
             outbox.send(Order::Speed(assignment.speed_mps), 0.0); // the bridge before may not have had its answer
@@ -116,15 +122,13 @@ impl VehicleControl {
             vehicle: VehicleState::default(),
             assignment,
             hearing,
-            preflight: Preflight::default(),
+            preflight: Preflight::of(was_down),
             state,
             since_s: 0.0,
             outbox,
             waypoint: (state == State::Fly { has_begun: false }).then(|| Waypoint::at(start)),
-            home_m: None,
-            saved_home_m: before.and_then(|before| before.home_m),
+            home: before.and_then(|before| before.home_m).map_or(HomeAltitude::Reported, HomeAltitude::Saved),
             end: String::new(),
-            was_down: state.is_flown() || before.is_some_and(|before| before.was_down),
             said: Said::default(),
         }
     }
@@ -285,10 +289,10 @@ impl VehicleControl {
         commands.iter().for_each(|command| self.command(*command, now_s, orders));
         self.say_what_lasts(&input, now_s);
         let is_down = input.believed.is_some_and(|report| !report.is_armed);
-        self.was_down |= matches!(before, State::Check { .. }) && is_down || state.is_flown();
+        self.preflight.was_down |= matches!(before, State::Check { .. }) && is_down || state.is_flown();
         // Somebody who arms it while the bridge waits flies it, with heartbeats; one that is found armed is no vehicle
         // to fly.
-        let is_kept = state == State::HandsOff && self.was_down;
+        let is_kept = state == State::HandsOff && self.preflight.was_down;
         let was_refused = matches!(before, State::Check { .. }) && !state.is_ours() && !input.is_over && !is_kept;
         was_refused.then(|| PreflightRefusal(self.end.clone()))
     }
@@ -343,7 +347,7 @@ impl VehicleControl {
         let order = match command {
             Command::Waypoint => return orders.extend(self.outbox.due(now_s)),
             Command::Arm => {
-                self.home_m = self.vehicle.home_m();
+                self.home = self.vehicle.home_m().map_or(HomeAltitude::Reported, HomeAltitude::Frozen);
                 Order::Arm
             }
             Command::TakeOff => {
@@ -369,10 +373,10 @@ impl VehicleControl {
         let is_withheld = match self.state {
             State::Done if !self.vehicle.says_armed() => return Heartbeats::Idle,
             // Else somebody flies it again.
-            State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows) || !self.was_down,
+            State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows) || !self.preflight.was_down,
             State::Silent => true,
-            State::Check { .. } if self.vehicle.autopilot.is_some() && !self.was_down => true,
-            State::HandsOff => !self.was_down, // however long it is silent: a GCS failsafe would act over its pilot
+            State::Check { .. } if self.vehicle.autopilot.is_some() && !self.preflight.was_down => true,
+            State::HandsOff => !self.preflight.was_down, // however long it is silent: a GCS failsafe would act over its pilot
             _ => self.state.may_fly() && self.vehicle.belief.doubt_s(now_s) >= UNHEARD_S && !is_called,
         };
         if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }
@@ -431,23 +435,28 @@ impl VehicleControl {
 
     /// The altitude of its home above sea [m]: as it was when it was armed, before that the median of some seconds.
     pub fn home_m(&self) -> Option<f64> {
-        self.home_m.or(self.vehicle.home_m())
+        match self.home {
+            HomeAltitude::Frozen(home_m) => Some(home_m),
+            HomeAltitude::Reported | HomeAltitude::Saved(_) => self.vehicle.home_m(),
+        }
     }
 
     /// Takes what the bridge before has saved, once, if it is near what the vehicle reports.
     fn restore_home(&mut self) {
-        if let Some(reported_m) = self.vehicle.home_m()
-            && let Some(saved_m) = self.saved_home_m.take()
-        {
-            self.home_m = Some(saved_m).filter(|saved_m| (saved_m - reported_m).abs() < HOME_SLACK_M);
+        if let (HomeAltitude::Saved(saved_m), Some(reported_m)) = (self.home, self.vehicle.home_m()) {
+            let is_near = (saved_m - reported_m).abs() < HOME_SLACK_M;
+            self.home = if is_near { HomeAltitude::Frozen(saved_m) } else { HomeAltitude::Reported };
         }
     }
 
     /// What the bridge after this one has to know: its state, its home once it was armed, and whether it was seen
     /// disarmed.
     pub fn saved(&self, chosen: Option<ChosenVehicle>) -> SavedVehicle {
-        let home_m = self.home_m.or(self.saved_home_m);
-        SavedVehicle { chosen, state: self.state, home_m, was_down: self.was_down, was_flown: false }
+        let home_m = match self.home {
+            HomeAltitude::Frozen(home_m) | HomeAltitude::Saved(home_m) => Some(home_m),
+            HomeAltitude::Reported => None,
+        };
+        SavedVehicle { chosen, state: self.state, home_m, was_down: self.preflight.was_down, was_flown: false }
     }
 
     /// Where it is [m]; `None` if that was never known. Its altitude is above its home as it was when it was armed, if
@@ -455,7 +464,8 @@ impl VehicleControl {
     pub fn position(&self) -> Option<Point3<f64>> {
         let fix = self.vehicle.fix()?;
         let position = self.assignment.frame.position(fix)?;
-        let is_frozen = self.home_m.is_some() && self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea);
+        let is_frozen = matches!(self.home, HomeAltitude::Frozen(_))
+            && self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea);
         let home_m = self.home_m().filter(|_| is_frozen);
         Some(home_m.map_or(position, |home_m| above(&position.xy(), fix.above_sea_m - home_m)))
     }

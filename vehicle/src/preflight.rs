@@ -64,9 +64,17 @@ pub struct Preflight {
     pub missing: String,
     /// Whether they held when they were made last.
     pub holds: bool,
+    /// Whether the vehicle was believed disarmed before take-off, or was flown, in this run. One that was not is somebody
+    /// else's, or an earlier run's, and its failsafe is not to wait for this one.
+    pub was_down: bool,
 }
 
 impl Preflight {
+    /// Nothing is known yet but [`was_down`](Self::was_down).
+    pub fn of(was_down: bool) -> Self {
+        Self { was_down, ..Self::default() }
+    }
+
     /// Takes in the parameter `name`.
     pub fn hear_parameter(&mut self, autopilot: AutopilotKind, name: &str, value: f64) {
         if autopilot.gcs_failsafe().is_some_and(|failsafe| failsafe.parameter == name) {
@@ -109,7 +117,7 @@ impl Preflight {
         let wait = |what: &str| Ok(Some(what.to_owned()));
         let Some(autopilot) = vehicle.autopilot.filter(|_| !vehicle.is_lost(now_s)) else {
             // What comes next may be another one, or have been changed meanwhile.
-            *self = Self::default();
+            *self = Self::of(self.was_down);
             return wait("to send heartbeats");
         };
         let names_both = [ModeMeaning::Follows, ModeMeaning::Returns].iter().all(|mode| assignment.modes.names(*mode));

@@ -54,7 +54,7 @@ impl VehicleControl {
             SpokenLine::FliesOn => return self.said.say("is in the air: flying on".to_owned()),
             SpokenLine::IsAtStart => return self.said.say("hovers at its start".to_owned()),
             SpokenLine::Returns(_) => "returns",
-            SpokenLine::HandsOff(TakenBy::Armed) if !self.was_down => "is not flown",
+            SpokenLine::HandsOff(TakenBy::Armed) if !self.preflight.was_down => "is not flown",
             SpokenLine::HandsOff(_) => "is overridden",
             SpokenLine::Silent(_) => "is left to its GCS failsafe",
             SpokenLine::Done(Ending::Landed) => return self.said.say("has landed".to_owned()),
@@ -96,7 +96,7 @@ impl VehicleControl {
             _ => self.end.clone(),
         };
         let more = match line {
-            SpokenLine::HandsOff(TakenBy::Armed) if !self.was_down => "",
+            SpokenLine::HandsOff(TakenBy::Armed) if !self.preflight.was_down => "",
             SpokenLine::HandsOff(_) => {
                 ". The bridge gives it no more commands in this run, which goes on; Ctrl-C ends it, and with it the heartbeats \
                  for which its GCS failsafe waits"
