@@ -39,6 +39,8 @@ struct Autopilot {
     pilot: Wire,
     mode: u32,
     is_armed: bool,
+    /// Whether the pilot holds sticks, centred: without them PX4 refuses Position, and their loss is a failsafe.
+    has_sticks: bool,
 }
 
 impl Autopilot {
@@ -82,7 +84,7 @@ impl Autopilot {
         let child =
             command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         let pilot = Wire::open(&link.parse().unwrap()).unwrap();
-        Some(Self { kind, child: child.unwrap(), pilot, mode: u32::MAX, is_armed: false })
+        Some(Self { kind, child: child.unwrap(), pilot, mode: u32::MAX, is_armed: false, has_sticks: false })
     }
 
     /// Where the bridge finds it.
@@ -136,8 +138,8 @@ impl Autopilot {
             mavtype: MavType::MAV_TYPE_GCS,
             ..HEARTBEAT_DATA::default()
         }));
-        if self.kind == Kind::Px4 {
-            self.send(&MavMessage::MANUAL_CONTROL(self.centred_sticks())); // without sticks it refuses Position
+        if self.has_sticks {
+            self.send(&MavMessage::MANUAL_CONTROL(self.centred_sticks()));
         }
         while let Some(received) = self.pilot.receive() {
             if let (MavMessage::HEARTBEAT(heartbeat), 1) = (&received.message, received.header.component_id) {
@@ -206,6 +208,7 @@ fn a_real_autopilot_flies_a_mission_and_lands() {
 fn a_pilot_of_a_real_autopilot_keeps_it() {
     for kind in [Kind::Px4, Kind::ArduCopter] {
         let flown = fly(kind, |autopilot, run| {
+            autopilot.has_sticks = autopilot.kind == Kind::Px4;
             autopilot.until(None, |_| run.slots() >= 4);
             let [_, pilot] = autopilot.modes();
             autopilot.until(Some(pilot), |_| true);
