@@ -112,6 +112,10 @@ impl RunCommand {
         }
         folder.set_external(&mode.external)?;
         let ring = make_ring(scenario, options, &mode, mode.pace.unwrap_or_default())?;
+        #[cfg(feature = "mavlink")]
+        if options.vehicle.as_ref().and_then(commands::VehicleOption::addresses).is_some() {
+            skysink_vehicle::saved::begin(ring.path())?;
+        }
         let mut log = match resumed {
             None => folder.slot_log()?,
             Some(resumed) => {

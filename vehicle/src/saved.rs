@@ -47,6 +47,17 @@ pub fn is_over(run: &Path) -> bool {
     vehicles.iter().any(is(State::HandsOff)) || !vehicles.is_empty() && vehicles.iter().all(is(State::Done))
 }
 
+/// Notes in the ring in `folder`, before its first bridge begins, that nothing is saved: a bridge that finds nothing at all
+/// has lost it.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn begin(folder: &Path) -> Result<(), InputError> {
+    let path = folder.join(VEHICLES);
+    write(&path, &[])
+        .map_err(|error| InputError::new("ring folder", &path, format_args!("it cannot be written: {error}")))
+}
+
 /// Hands what the run in the folder `run` has saved to the ring in `folder`, which resumes it.
 ///
 /// # Errors
@@ -95,7 +106,7 @@ impl SavedVehicles {
         let path = folder.join(VEHICLES);
         let is_gone = is_restarted && !path.exists();
         if !is_restarted && !path.exists() {
-            let _ = write(&path, &[]); // from here on a bridge that finds nothing has lost it
+            let _ = begin(folder); // of a ring whose launcher is on another host, or starts no bridge
         }
         let vehicles =
             read(&path).filter(|_| !is_gone).filter(|vehicles| vehicles.is_empty() || vehicles.len() == uavs);
@@ -283,6 +294,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join(VEHICLES);
         assert_eq!(SavedVehicles::of(folder.path(), 2, true).vehicles(), [UNKNOWN; 2], "it is gone");
+        begin(folder.path()).unwrap();
+        assert!(
+            SavedVehicles::of(folder.path(), 2, true).vehicles().is_empty(),
+            "the first was killed before it began"
+        );
+        std::fs::remove_file(&file).unwrap();
         assert!(SavedVehicles::of(folder.path(), 2, false).vehicles().is_empty());
         assert!(SavedVehicles::of(folder.path(), 2, true).vehicles().is_empty(), "the first bridge has begun");
         for text in ["", "[", "{}", "\0"] {
