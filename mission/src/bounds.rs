@@ -1,10 +1,11 @@
 //! The bounds of a mission, as rates, costs and scores.
 
-use crate::summary::score;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_planner::bound::{CollectBound, MissionBound, collect_bound, cost_bound, least_weight, mission_bound};
 use skysink_planner::settings::{PlanningObjective, Settings};
+
+use crate::summary::score;
 
 /// Bounds of a mission (`docs/src/look-ahead.md`).
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,7 +9,8 @@
 //! | [`record`], [`origin`] | the run folder; its `run.toml` |
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
 //! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
-//! | [`metrics`], [`bounds`], `trapped` | the metrics of a mission; what no strategy exceeds; UAVs that stay in one part |
+//! | [`metrics`], `trapped` | the metrics of a mission; UAVs that stay in one part of the area |
+//! | [`bounds`] | what no flight exceeds |
 //! | [`summary`], `losses`, [`sensor_results`] | the results of a run; those of each sensor node |
 //! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
 //! | [`latency`] | latencies of the ring |

@@ -88,7 +88,7 @@ impl RunCommand {
                 }
                 check_vehicle(&options.run_mode(None))?;
                 #[cfg(feature = "mavlink")]
-                if options.vehicle.as_ref().and_then(commands::VehicleOption::addresses).is_some() {
+                if options.vehicle_addresses().is_some() {
                     skysink_vehicle::apart::check_starts(scenario)?;
                 }
                 let NewFolder { out, .. } = &self.mission.folder;
@@ -113,7 +113,7 @@ impl RunCommand {
         folder.set_external(&mode.external)?;
         let ring = make_ring(scenario, options, &mode, mode.pace.unwrap_or_default())?;
         #[cfg(feature = "mavlink")]
-        if options.vehicle.as_ref().and_then(commands::VehicleOption::addresses).is_some() {
+        if options.vehicle_addresses().is_some() {
             skysink_vehicle::saved::begin(ring.path())?;
         }
         let mut log = match resumed {

@@ -264,6 +264,11 @@ impl RunOptions {
         words.chain(link).chain(planner).chain(vehicle).collect()
     }
 
+    /// The MAVLink addresses of the vehicles, if the bridge flies them.
+    pub(crate) fn vehicle_addresses(&self) -> Option<&str> {
+        self.vehicle.as_ref().and_then(VehicleOption::addresses)
+    }
+
     /// The command that starts the process of `role`.
     pub(crate) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
         let absolute = |path: &Path| std::path::absolute(path).at(path);
@@ -271,7 +276,7 @@ impl RunOptions {
         if let Some(command) = self.command(role) {
             return Ok(command.invocation(ring, &scenario));
         }
-        let vehicles = self.vehicle.as_ref().and_then(VehicleOption::addresses).filter(|_| role == Role::FlightSim);
+        let vehicles = self.vehicle_addresses().filter(|_| role == Role::FlightSim);
         let name = if vehicles.is_some() { BRIDGE } else { role.name() };
         let (program, mut arguments) = executables::command_of(name).at(Path::new("skysink"))?;
         arguments.extend(["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()]);
@@ -288,7 +293,7 @@ impl RunOptions {
 
     /// Checks that the bridge to vehicles can fly `scenario` at this pace: by the clock, and with a place on Earth.
     pub(crate) fn check_vehicle(&self, scenario: &Scenario, pace: Pace) -> Result<(), Error> {
-        let Some(addresses) = self.vehicle.as_ref().and_then(VehicleOption::addresses) else { return Ok(()) };
+        let Some(addresses) = self.vehicle_addresses() else { return Ok(()) };
         if !cfg!(feature = "mavlink") {
             return Err(Error::NoBridge);
         }
