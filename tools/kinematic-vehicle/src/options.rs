@@ -46,7 +46,7 @@ pub struct KinematicOptions {
     #[arg(long, value_name = "MPS", default_value = "0", value_parser = least())]
     pub wind: f64,
     /// Probability of a message to be lost, in both directions.
-    #[arg(long, value_name = "P", default_value = "0", value_parser = number("a probability, from 0 to 1", |number| (0.0..=1.0).contains(&number)))]
+    #[arg(long, value_name = "P", default_value = "0", value_parser = probability())]
     pub loss: f64,
     /// Refuse to arm this many times, though its own checks pass.
     #[arg(long, value_name = "N", default_value = "0")]
@@ -117,6 +117,24 @@ impl KinematicOptions {
     }
 }
 
+fn probability() -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    number("a probability, from 0 to 1", |number| (0.0..=1.0).contains(&number))
+}
+
 fn least() -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
     number("a number, at least 0", |number| number >= 0.0 && number.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_px4_has_a_mode_for_its_take_off() {
+        let check = |autopilot, mode| KinematicOptions { autopilot, mode, ..KinematicOptions::default() }.check();
+        assert!(check(Imitated::Px4, CopterMode::TakeOff).is_ok());
+        assert!(check(Imitated::Arducopter, CopterMode::Guided).is_ok());
+        let refused = check(Imitated::Arducopter, CopterMode::TakeOff).unwrap_err();
+        assert_eq!(refused, "--mode take-off: expected --autopilot px4");
+    }
 }

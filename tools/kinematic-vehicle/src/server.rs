@@ -342,6 +342,7 @@ impl LinkedCopter {
 mod tests {
     use super::*;
     use crate::autopilot::CopterMode;
+    use crate::modes::Imitated;
     use mavlink::dialects::common::{COMMAND_LONG_DATA, PARAM_REQUEST_READ_DATA};
 
     /// A vehicle with these options, and its link to a wire that hears it.
@@ -429,6 +430,20 @@ mod tests {
         vehicle.send(&vehicle.heartbeat(false), &mut link);
         let [MavMessage::PARAM_VALUE(told), MavMessage::HEARTBEAT(_)] = &heard(&peer, 2)[..] else { panic!("others") };
         assert_eq!((told.param_id.to_str(), told.param_value), (Ok("FS_GCS_ENABLE"), 0.0));
+    }
+
+    #[test]
+    fn a_mode_is_set_by_the_numbers_of_the_imitated_autopilot() {
+        for (imitated, [p2, p3], number) in
+            [(Imitated::Arducopter, [5.0, 0.0], 5), (Imitated::Px4, [4.0, 3.0], 4 << 16 | 3 << 24)]
+        {
+            let options = KinematicOptions { autopilot: imitated, ..KinematicOptions::default() };
+            let (mut vehicle, _, _) = linked(&options);
+            let mut set = |p2| vehicle.obey_long(MavCmd::MAV_CMD_DO_SET_MODE, [1.0, p2, p3, 0.0], options.is_px4());
+            assert_eq!(set(77.0), MavResult::MAV_RESULT_FAILED, "it has no such mode");
+            assert_eq!(set(p2), MavResult::MAV_RESULT_ACCEPTED);
+            assert_eq!(vehicle.copter.mode_number(), number);
+        }
     }
 
     #[test]
