@@ -51,7 +51,7 @@ pub fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
         noise: 0.2,
         wind: 3.0,
         loss: 0.2,
-        ready_after: 30.0, // until then it complains, and one of the texts arrives
+        ready_after: 120.0, // until then it complains, and one of the texts arrives; 6 s, as a run may begin late
         ..KinematicOptions::default()
     });
     let ended = vehicle.flight(&place).run();

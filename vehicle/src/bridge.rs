@@ -232,9 +232,9 @@ impl Bridge {
         refused.map_or(Ok(()), Err)
     }
 
-    /// Notes that the command to arm the vehicle of this number from 0 was not sent.
-    pub fn forget_arming(&mut self, uav: usize) {
-        self.members[uav].control.forget_arming();
+    /// Notes that the command to arm the vehicle of this number from 0 was not sent, because of `why`.
+    pub fn forget_arming(&mut self, uav: usize, why: &str) {
+        self.members[uav].control.forget_arming(why);
     }
 
     /// Flies without the vehicle of this number from 0, because of `why`.

@@ -75,7 +75,7 @@ impl Waypoint {
 enum HomeAltitude {
     /// The one that it reports.
     Reported,
-    /// That too, until it is known whether it is near the one that the bridge before has saved.
+    /// The one that the bridge before has saved, if what it reports is near: until then none is known.
     Saved(f64),
     /// The one of the arming: autopilots correct theirs in flight.
     Frozen(f64),
@@ -113,7 +113,8 @@ impl VehicleControl {
     pub fn new(assignment: Assignment, state: State, before: Option<&SavedVehicle>) -> Self {
         let hearing = Hearing { arrivals: LinkArrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
         let start = assignment.start;
-        let was_down = state.is_flown() || before.is_some_and(|before| before.was_down);
+        let was_down = state.is_flown() || before.map_or(state == State::HandsOff, |before| before.was_down);
+        let saved_home_m = before.filter(|_| state.may_fly()).and_then(|before| before.home_m); // else it is armed anew
         let mut outbox = Outbox::default();
         if let State::Fly { .. } = state {
             outbox.send(Order::Speed(assignment.speed_mps), 0.0); // the bridge before may not have had its answer
@@ -127,7 +128,7 @@ impl VehicleControl {
             since_s: 0.0,
             outbox,
             waypoint: (state == State::Fly { has_begun: false }).then(|| Waypoint::at(start)),
-            home: before.and_then(|before| before.home_m).map_or(HomeAltitude::Reported, HomeAltitude::Saved),
+            home: saved_home_m.map_or(HomeAltitude::Reported, HomeAltitude::Saved),
             end: String::new(),
             said: Said::default(),
         }
@@ -139,10 +140,10 @@ impl VehicleControl {
         self.vehicle.belief.doubt(Some(now_s));
     }
 
-    /// Notes that the command to arm was not sent, as the state could not be saved: its start is over.
-    pub fn forget_arming(&mut self) {
+    /// Notes that the command to arm was not sent, because of `why`: its start is over.
+    pub fn forget_arming(&mut self, why: &str) {
         self.state = State::Done;
-        self.end_with("its state cannot be saved", "is not armed");
+        self.end_with(why, "is not armed");
     }
 
     /// Takes the lines for people that have come up.
@@ -289,7 +290,8 @@ impl VehicleControl {
         commands.iter().for_each(|command| self.command(*command, now_s, orders));
         self.say_what_lasts(&input, now_s);
         let is_down = input.believed.is_some_and(|report| !report.is_armed);
-        self.preflight.was_down |= matches!(before, State::Check { .. }) && is_down || state.is_flown();
+        let was_down = matches!(before, State::Check { .. }) && is_down || before == State::Silent;
+        self.preflight.was_down |= was_down || state.is_flown();
         // Somebody who arms it while the bridge waits flies it, with heartbeats; one that is found armed is no vehicle
         // to fly.
         let is_kept = state == State::HandsOff && self.preflight.was_down;
@@ -437,16 +439,29 @@ impl VehicleControl {
     pub fn home_m(&self) -> Option<f64> {
         match self.home {
             HomeAltitude::Frozen(home_m) => Some(home_m),
+            HomeAltitude::Saved(_) if self.reads_above_sea() => None,
             HomeAltitude::Reported | HomeAltitude::Saved(_) => self.vehicle.home_m(),
         }
     }
 
-    /// Takes what the bridge before has saved, once, if it is near what the vehicle reports.
+    fn reads_above_sea(&self) -> bool {
+        self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea)
+    }
+
+    /// Takes what the bridge before has saved, if it is near what the vehicle reports.
     fn restore_home(&mut self) {
-        if let (HomeAltitude::Saved(saved_m), Some(reported_m)) = (self.home, self.vehicle.home_m()) {
-            let is_near = (saved_m - reported_m).abs() < HOME_SLACK_M;
-            self.home = if is_near { HomeAltitude::Frozen(saved_m) } else { HomeAltitude::Reported };
+        if let (HomeAltitude::Saved(saved_m), Some(off_m)) = (self.home, self.home_is_off_m())
+            && off_m < HOME_SLACK_M
+        {
+            self.home = HomeAltitude::Frozen(saved_m);
         }
+    }
+
+    /// How far the altitude of home that the vehicle reports is from the saved one [m], once it has reported it for
+    /// some time; `None` if none is awaited.
+    fn home_is_off_m(&self) -> Option<f64> {
+        let HomeAltitude::Saved(saved_m) = self.home else { return None };
+        self.vehicle.settled_home_m().map(|reported_m| (saved_m - reported_m).abs())
     }
 
     /// What the bridge after this one has to know: its state, its home once it was armed, and whether it was seen
@@ -464,8 +479,7 @@ impl VehicleControl {
     pub fn position(&self) -> Option<Point3<f64>> {
         let fix = self.vehicle.fix()?;
         let position = self.assignment.frame.position(fix)?;
-        let is_frozen = matches!(self.home, HomeAltitude::Frozen(_))
-            && self.vehicle.autopilot.is_some_and(AutopilotKind::reads_above_sea);
+        let is_frozen = matches!(self.home, HomeAltitude::Frozen(_)) && self.reads_above_sea();
         let home_m = self.home_m().filter(|_| is_frozen);
         Some(home_m.map_or(position, |home_m| above(&position.xy(), fix.above_sea_m - home_m)))
     }

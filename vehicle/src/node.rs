@@ -345,8 +345,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
         for (uav, order) in orders {
             if order != Order::Arm || is_saved && polled.is_ok() {
                 self.link.send(uav, &order);
-            } else if !is_saved {
-                self.bridge.forget_arming(uav);
+            } else {
+                let why = if is_saved { "another vehicle must not fly" } else { "its state cannot be saved" };
+                self.bridge.forget_arming(uav, why);
             }
         }
         polled.map_err(|refused| refusal(&refused))

@@ -30,8 +30,18 @@ pub struct SavedVehicle {
     /// Whether it was believed disarmed before take-off, or was flown, in this run.
     #[serde(default)]
     pub was_down: bool,
-    /// Whether a bridge of this run has armed it.
+    /// Whether a bridge of this run has flown it, or somebody has taken it over in this run.
     pub was_flown: bool,
+}
+
+impl SavedVehicle {
+    /// What a run that resumes this one knows of it when it begins.
+    #[must_use]
+    pub fn resumed(self) -> Self {
+        let state = self.state.resumed();
+        let was_down = self.was_down && !matches!(state, State::Check { .. });
+        Self { state, was_down, was_flown: false, ..self }
+    }
 }
 
 /// A vehicle of which nothing is known any more: it may have been armed.
@@ -73,9 +83,7 @@ pub fn resume(run: &Path, folder: &Path) -> Result<(), InputError> {
     if vehicles.iter().all(|vehicle| matches!(vehicle.state, State::HandsOff | State::Done)) {
         return Err(refused("its vehicles have landed, or were flown by others: expected a new run"));
     }
-    for vehicle in &mut vehicles {
-        [vehicle.was_down, vehicle.was_flown] = [false; 2]; // in the run that resumes it
-    }
+    vehicles.iter_mut().for_each(|vehicle| *vehicle = vehicle.resumed());
     write(&folder.join(VEHICLES), &vehicles)
         .map_err(|error| refused(&format!("it cannot be handed to the ring: {error}")))
 }
@@ -137,8 +145,16 @@ impl SavedVehicles {
     pub fn save(&mut self, mut vehicles: Vec<SavedVehicle>) -> bool {
         let may_retry = self.failed.is_none_or(|failed| failed.elapsed() >= RETRY);
         for (uav, vehicle) in vehicles.iter_mut().enumerate() {
-            vehicle.was_flown |=
-                vehicle.state.is_flown() || self.vehicles.get(uav).is_some_and(|before| before.was_flown);
+            let before = self.vehicles.get(uav);
+            vehicle.was_flown |= before.is_some_and(|before| before.was_flown)
+                || match vehicle.state {
+                    State::Climb | State::Fly { .. } | State::Home { .. } => true,
+                    // Somebody took it who had not flown it when the run began.
+                    State::HandsOff => {
+                        before.is_some_and(|before| matches!(before.state, State::Arm { .. } | State::Silent))
+                    }
+                    _ => false,
+                };
         }
         if let Some(run) = &self.run {
             let kept = |(uav, vehicle): (usize, &SavedVehicle)| match self.in_run.get(uav) {
@@ -206,6 +222,7 @@ mod tests {
 
     const FLY: State = State::Fly { has_begun: true };
     const CHECK: State = State::Check { may_fly_on: false };
+    const MAY_FLY_ON: State = State::Check { may_fly_on: true };
 
     #[test]
     fn what_is_saved_is_known_to_the_next_bridge_and_what_is_not_is_tried_again() {
@@ -243,16 +260,18 @@ mod tests {
         assert_eq!(in_run(), [FLY, State::HandsOff], "its pilot has taken it before the take-off");
         save([State::Home { was_seen: true }, FLY]);
         begin_again();
-        save([State::HandsOff, State::Done]); // resumed too early
+        save([CHECK, State::Arm { was_armed: false }]);
+        save([State::HandsOff, State::Done]); // resumed too early; it refuses to be armed
         save([State::HandsOff, CHECK]);
         assert_eq!(in_run(), [State::Home { was_seen: true }, FLY]);
         assert!(!is_over(run.path()));
 
         let next = tempfile::tempdir().unwrap();
         resume(run.path(), next.path()).unwrap();
-        let resumed: Vec<State> =
-            SavedVehicles::of(next.path(), 2, false).vehicles().iter().map(|of| of.state.resumed()).collect();
-        assert_eq!(resumed, [CHECK, State::Check { may_fly_on: true }]);
+        let resumed = SavedVehicles::of(next.path(), 2, false);
+        // Whichever bridge is the first to save: the one before it may have been killed.
+        assert_eq!(resumed.vehicles().iter().map(|of| of.state).collect::<Vec<_>>(), [CHECK, MAY_FLY_ON]);
+        assert!(resumed.vehicles().iter().all(|of| !of.was_down && !of.was_flown));
         std::fs::write(run.path().join(VEHICLES), "[1]").unwrap();
         assert!(
             resume(run.path(), next.path()).unwrap_err().to_string().contains("expected the states of its vehicles")
@@ -272,6 +291,26 @@ mod tests {
         std::thread::sleep(RETRY);
         assert!(saved.save(pilot.clone()));
         assert_eq!(read(&run.join(VEHICLES)).unwrap(), pilot);
+    }
+
+    #[test]
+    fn of_a_vehicle_with_a_pilot_it_is_known_that_it_was_down() {
+        assert!(
+            vehicle(State::HandsOff).resumed().was_down && !vehicle(State::Home { was_seen: true }).resumed().was_down
+        );
+    }
+
+    #[test]
+    fn a_vehicle_that_was_taken_over_in_its_start_is_left_alone_by_the_next_run() {
+        for before in [State::Arm { was_armed: false }, State::Silent] {
+            let [ring, run] = [0; 2].map(|_| tempfile::tempdir().unwrap());
+            std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
+            let mut saved = SavedVehicles::of(ring.path(), 1, false);
+            for state in [before, State::HandsOff] {
+                assert!(saved.save(vec![SavedVehicle { was_flown: false, ..vehicle(state) }]));
+            }
+            assert!(is_over(run.path()), "{before:?}");
+        }
     }
 
     #[test]

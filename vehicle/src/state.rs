@@ -12,7 +12,7 @@ use crate::telemetry::{Fix, Order, Stream, Telemetry};
 /// Age from which a position is not current any more [s].
 const OLD_FIX_S: f64 = 2.0;
 
-/// Age from which it is not known any more what a vehicle says of the ground [s]: its altitude counts then.
+/// Age from which it does not count any more what a vehicle says of the ground [s]: its altitude does, if it is current.
 const OLD_IN_AIR_S: f64 = 10.0;
 
 /// Altitude above home from which a vehicle is in the air, if it does not say so itself [m].
@@ -61,8 +61,9 @@ const LASTS_S: f64 = 30.0;
 /// Time after which a vehicle has made its own checks again in a new mode [s].
 const CHECKED_S: f64 = 2.0;
 
-/// Altitudes of home of which the median counts: those of some seconds.
+/// Altitudes of home of which the median counts: those of some seconds; and how many settle one.
 const HOMES: usize = 100;
+const SETTLED_HOMES: usize = 10;
 
 /// The energy that a vehicle reports.
 #[derive(Debug, Clone, Copy, Default)]
@@ -165,7 +166,8 @@ impl VehicleState {
     /// Takes in a message. Modes have the meanings of the autopilot, or those that are `named`; a battery below
     /// `low_battery`, as a fraction of its capacity, is low.
     pub fn hear(&mut self, telemetry: &Telemetry, named: &NamedModes, low_battery: f64, now_s: f64) {
-        self.says_in_air = self.says_in_air.filter(|(_, said_s)| now_s - said_s < OLD_IN_AIR_S);
+        let has_current_fix = self.has_current_fix(now_s);
+        self.says_in_air = self.says_in_air.filter(|(_, said_s)| now_s - said_s < OLD_IN_AIR_S || !has_current_fix);
         match *telemetry {
             Telemetry::Heartbeat { autopilot, mode, is_armed, is_critical } => {
                 self.autopilot = Some(autopilot);
@@ -283,6 +285,11 @@ impl VehicleState {
         let mut sorted: Vec<f64> = self.homes_m.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
         sorted.get(sorted.len() / 2).copied()
+    }
+
+    /// The same, once it was reported some times.
+    pub fn settled_home_m(&self) -> Option<f64> {
+        self.home_m().filter(|_| self.homes_m.len() >= SETTLED_HOMES)
     }
 
     /// Whether it has not said its mode for too long, though it was heard.

@@ -3,7 +3,7 @@
 
 use skysink_flight_sim::outside::REACHED_M;
 
-use super::{HOVER_MPS, VehicleControl};
+use super::{HOME_SLACK_M, HOVER_MPS, VehicleControl};
 use crate::table::{Checks, Ending, Failsafe, Height, Input, Left, SpokenLine, State, TakenBy};
 
 /// Time after which it is said what a vehicle does not do [s], and that something is missing before take-off.
@@ -125,9 +125,20 @@ impl VehicleControl {
             _ => "is not heard any more, for 3 s",
         };
         let progress = self.progress(input);
-        let lines: [(&'static str, bool, f64, String); 7] = [
+        let off_m = self.home_is_off_m().filter(|off_m| self.reads_above_sea() && *off_m >= HOME_SLACK_M);
+        let lines: [(&'static str, bool, f64, String); 8] = [
             ("lost", is_lost && self.state != State::Done, 0.0, lost.to_owned()),
             ("blind", is_blind, 0.0, "does not say where it is any more: it gets no waypoints meanwhile".to_owned()),
+            (
+                "home",
+                is_in_flight && off_m.is_some(),
+                0.0,
+                format!(
+                    "reports an altitude of its home that is {:.0} m from the one at its take-off: it gets no waypoints \
+                     meanwhile",
+                    off_m.unwrap_or_default()
+                ),
+            ),
             (
                 "failsafe",
                 is_in_flight && input.failsafe != Failsafe::Off,
@@ -162,7 +173,8 @@ impl VehicleControl {
             }
             Checks::Hold if input.believed.is_none() => "waiting for it to report the same twice in a row".to_owned(),
             Checks::Hold => "is checked, and waits for the others".to_owned(),
-            _ => format!("waiting for it {}", self.preflight.missing),
+            Checks::Refused => format!("must not take off: {}", self.preflight.missing),
+            Checks::Wait => format!("waiting for it {}", self.preflight.missing),
         });
         self.said.say_while("missing", missing, MISSING_S, now_s);
     }

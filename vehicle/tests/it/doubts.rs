@@ -53,6 +53,44 @@ fn a_vehicle_that_has_stopped_to_say_whether_it_is_on_the_ground_is_judged_by_it
     }
 }
 
+/// Nothing about it is known any more: what it said of the ground last is the best that there is.
+#[test]
+fn what_a_vehicle_says_of_the_ground_counts_for_long_only_without_an_altitude() {
+    for says_where in [true, false] {
+        let mut flight = hovering(AutopilotKind::ArduPilot);
+        flight.drift_m = -19.8; // its barometer
+        flight.is_silent_of_ground = true;
+        flight.says_no_position = !says_where;
+        flight.advance(11.0);
+        assert_eq!(flight.bridge.control(0).vehicle.is_high(), !says_where, "{:?}", flight.said);
+    }
+}
+
+#[test]
+fn a_vehicle_whose_failsafe_acts_is_not_armed() {
+    let mut flight = flight_over(AutopilotKind::Px4);
+    flight.is_critical = true;
+    flight.advance(30.0);
+    assert!(count(&flight, "waiting for it to report no failsafe") > 0, "{:?}", flight.said);
+    assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+    flight.is_critical = false;
+    flight.until(90.0, |flight| flight.bridge.has_begun());
+}
+
+/// Its reports do not agree, and it must not take off: what it is waited for is not what it is refused for.
+#[test]
+fn a_refused_vehicle_that_is_not_believed_says_why_it_must_not_take_off() {
+    let mut flight = flight_over(AutopilotKind::ArduPilot);
+    flight.gcs_failsafe = Some(0.0);
+    for _ in 0..40 {
+        flight.hear(&flight.heartbeat(true));
+        flight.hear(&flight.heartbeat(false));
+        flight.advance(0.1);
+    }
+    assert_eq!(count(&flight, "must not take off: FS_GCS_ENABLE = 0"), 1, "{:?}", flight.said);
+    assert_eq!(count(&flight, "waiting for it FS_GCS"), 0, "{:?}", flight.said);
+}
+
 /// An autopilot reports the mode after a landing before it says that it has landed, and has disarmed.
 #[test]
 fn the_mode_after_a_landing_is_not_taken_for_a_stopped_return() {

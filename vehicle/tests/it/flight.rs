@@ -74,6 +74,8 @@ pub struct ClosedLoop {
     pub says_battery: Option<Telemetry>,
     /// Whether it says that it is disarmed in its next heartbeat, whatever it is.
     pub is_odd: bool,
+    /// Whether it says that a failsafe of it acts.
+    pub is_critical: bool,
     /// How far north of where it is it says that it is [m].
     pub jump_m: f64,
     /// How much its altitude above home is wrong [m].
@@ -209,6 +211,7 @@ impl ClosedLoop {
             frozen: None,
             says_battery: None,
             is_odd: false,
+            is_critical: false,
             jump_m: 0.0,
             drift_m: 0.0,
             is_silent_of_ground: false,
@@ -228,9 +231,10 @@ impl ClosedLoop {
 
     /// The same flight under the next bridge, which knows what this one has saved.
     pub fn restart(&mut self, beginning: Beginning) {
-        let mut saved = self.saved();
-        saved.iter_mut().for_each(|vehicle| vehicle.was_down &= beginning != Beginning::First);
-        self.restart_with(beginning, &saved);
+        let saved = self.saved();
+        let is_resumed = beginning == Beginning::First;
+        let saved = saved.into_iter().map(|vehicle| if is_resumed { vehicle.resumed() } else { vehicle });
+        self.restart_with(beginning, &saved.collect::<Vec<_>>());
     }
 
     pub fn restart_with(&mut self, beginning: Beginning, saved: &[SavedVehicle]) {
@@ -369,7 +373,7 @@ impl ClosedLoop {
     /// Its heartbeat.
     pub fn heartbeat(&self, is_armed: bool) -> Telemetry {
         let mode = self.copter.mode_number();
-        let is_critical = self.copter.is_critical();
+        let is_critical = self.copter.is_critical() || self.is_critical;
         Telemetry::Heartbeat { autopilot: self.autopilot, mode, is_armed, is_critical }
     }
 

@@ -102,6 +102,49 @@ fn who_has_control_keeps_it_under_the_next_bridge() {
     }
 }
 
+/// Its GCS failsafe would act over its pilot.
+#[test]
+fn who_has_control_gets_heartbeats_in_a_run_that_is_resumed_and_after_a_silence() {
+    for autopilot in KINDS {
+        let mut flight = hovering(autopilot);
+        flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        let _ = flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(2.5);
+        flight.restart(Beginning::First);
+        flight.advance(20.0);
+        let heartbeats = |flight: &ClosedLoop| flight.bridge.control(0).heartbeats(flight.now_s);
+        assert_eq!((flight.state(), heartbeats(&flight)), (State::HandsOff, Heartbeats::Due), "{:?}", flight.said);
+        // A vehicle that was left in the air, which the next run may fly on, and its pilot has it before that.
+        let mut flight = hovering(autopilot);
+        flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        flight.bridge.return_home("the run is stopped");
+        flight.until(10.0, |flight| matches!(flight.state(), State::Home { .. }));
+        flight.restart(RESTARTED);
+        flight.until(10.0, |flight| heartbeats(flight) == Heartbeats::Withheld);
+        let _ = flight.copter.change_to(CopterMode::Stabilize);
+        flight.until(10.0, |flight| (flight.state(), heartbeats(flight)) == (State::HandsOff, Heartbeats::Due));
+    }
+}
+
+/// An autopilot that has lost its home, or another vehicle, under a bridge that was restarted.
+#[test]
+fn a_home_that_is_far_from_the_saved_one_stops_the_waypoints() {
+    let mut flight = hovering(AutopilotKind::Px4);
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.restart(RESTARTED);
+    flight.drift_m = -40.0;
+    flight.orders.clear();
+    flight.fly_slot(2, Some(plan(50.0, 66.0)));
+    let is_waypoint = |(_, order): &(f64, Order)| matches!(order, Order::Reposition { .. });
+    assert!(!flight.orders.iter().any(is_waypoint), "{:?}", flight.orders);
+    let line = "reports an altitude of its home that is 40 m from the one at its take-off: it gets no waypoints";
+    assert_eq!(count(&flight, line), 1, "{:?}", flight.said);
+    flight.drift_m = -5.0;
+    flight.advance(10.0);
+    flight.fly_slot(3, Some(plan(50.0, 62.0)));
+    assert!(flight.orders.iter().any(is_waypoint), "{:?}", flight.said);
+}
+
 #[test]
 fn a_bridge_after_one_that_saved_nothing_flies_nobody_in_the_air() {
     let mut flight = flight_over(AutopilotKind::ArduPilot);
@@ -165,7 +208,7 @@ fn a_run_is_not_resumed_while_its_vehicle_returns_or_is_flown() {
             flight.until(10.0, |flight| flight.refusal.is_some());
             let why = flight.refusal.as_ref().unwrap().why.to_string();
             assert!(
-                why.ends_with("by somebody else or by an earlier run: expected it on the ground, disarmed; try again when it has landed"),
+                why.ends_with("an earlier run: expected it on the ground, disarmed; try again when it has landed"),
                 "{why}"
             );
             assert!(flight.orders.is_empty(), "{:?}", flight.orders);
@@ -224,7 +267,7 @@ fn a_command_to_arm_that_could_not_be_saved_ends_the_start() {
     let mut flight: ClosedLoop = flight_over(AutopilotKind::ArduPilot);
     flight.lost = Order::Arm.command(); // it is not sent
     flight.until(60.0, |flight| arms(flight) == 1);
-    flight.bridge.forget_arming(0);
+    flight.bridge.forget_arming(0, "its state cannot be saved");
     flight.advance(60.0);
     assert_eq!((arms(&flight), count(&flight, "is not armed: its state cannot be saved")), (1, 1), "{:?}", flight.said);
     assert!(flight.bridge.check_flyable().is_err());

@@ -119,11 +119,12 @@ fn fly(seed: u64, tally: &mut Tally) {
     let is_resumed = random.random::<bool>();
     let mut acted_s = None;
     let mut is_seen_by_nobody = false;
+    let mut was_done = false; // on the ground, which has been said
     let mut has_operator = false;
     let mut slot = 0;
     let mut slot_s = 0.0;
     let mut is_killed = false;
-    let (mut orders_at_act, mut arrived_at_act) = (0, 0);
+    let (mut orders_at_act, mut arrived_at_act, mut said_at_act) = (0, 0, 0);
     while flight.now_s < 260.0 && !(flight.bridge.has_landed() && acted_s.is_some_and(|s: f64| flight.now_s > s + 20.0))
     {
         if !has_operator && flight.now_s >= operator_s && acted_s.is_none() && !flight.copter.is_armed {
@@ -132,12 +133,14 @@ fn fly(seed: u64, tally: &mut Tally) {
         }
         if acted_s.is_none() && when.is_now(&flight) {
             let before = (flight.copter.mode, flight.copter.is_armed);
+            was_done = flight.state() == State::Done;
             do_it(&mut flight, act);
             let after = (flight.copter.mode, flight.copter.is_armed);
             acted_s = Some(flight.now_s);
             is_seen_by_nobody =
                 before == after || matches!(after, (CopterMode::Guided, is_armed) if is_armed == before.1);
             (orders_at_act, arrived_at_act) = (flight.orders.len(), flight.arrived.len());
+            said_at_act = flight.said.len();
         }
         if !is_killed && flight.now_s >= killed_s {
             is_killed = true;
@@ -204,7 +207,9 @@ fn fly(seed: u64, tally: &mut Tally) {
         "stays on the ground",
         "waiting for it",
     ];
-    if !words.iter().any(|words| count(&flight, words) > 0) && flight.refusal.is_none() {
+    let said = &flight.said[said_at_act..];
+    if !said.iter().any(|line| words.iter().any(|words| line.contains(words))) && flight.refusal.is_none() && !was_done
+    {
         tally.silent.push(format!("{who}: {:?}", flight.said));
     }
 }
