@@ -205,6 +205,7 @@ fn fly(seed: u64, tally: &mut Tally) {
         "is not flown",
         "is left",
         "stays on the ground",
+        "is on the ground",
         "waiting for it",
     ];
     let said = &flight.said[said_at_act..];
