@@ -4,13 +4,14 @@
 use skysink_flight_sim::outside::REACHED_M;
 
 use super::{HOME_SLACK_M, HOVER_MPS, VehicleControl};
+use crate::autopilot::ModeMeaning;
 use crate::table::{Checks, Ending, Failsafe, Height, Input, Left, SpokenLine, State, TakenBy};
 
 /// Time after which it is said what a vehicle does not do [s], and that something is missing before take-off.
 const SAID_S: f64 = 10.0;
 const MISSING_S: f64 = 2.0;
 
-/// The same of a return [s].
+/// The same of a return, and of a failsafe [s].
 const SLOW_S: f64 = 60.0;
 
 /// Silence up to which a vehicle is heard [s].
@@ -126,7 +127,8 @@ impl VehicleControl {
         };
         let progress = self.progress(input);
         let off_m = self.home_is_off_m().filter(|off_m| self.reads_above_sea() && *off_m >= HOME_SLACK_M);
-        let lines: [(&'static str, bool, f64, String); 8] = [
+        let follows = input.believed.is_some_and(|report| report.is_armed && report.mode == ModeMeaning::Follows);
+        let lines: [(&'static str, bool, f64, String); 9] = [
             ("lost", is_lost && self.state != State::Done, 0.0, lost.to_owned()),
             ("blind", is_blind, 0.0, "does not say where it is any more: it gets no waypoints meanwhile".to_owned()),
             (
@@ -157,6 +159,15 @@ impl VehicleControl {
                 self.state == State::Done && input.says_armed && !is_on_ground,
                 MISSING_S,
                 "is armed and in the air, though its mission is over: it gets no commands".to_owned(),
+            ),
+            (
+                "left",
+                self.state == State::Silent && follows && !is_on_ground,
+                SLOW_S,
+                format!(
+                    "is in the air in {}, and nobody is known to fly it: its failsafe has not acted, or was ended",
+                    self.vehicle.mode_name()
+                ),
             ),
             ("progress", progress.is_some(), self.slow_after_s(), progress.unwrap_or_default()),
         ];

@@ -126,6 +126,22 @@ fn who_has_control_gets_heartbeats_in_a_run_that_is_resumed_and_after_a_silence(
     }
 }
 
+/// Its failsafe acts once; somebody ends it, and nobody flies.
+#[test]
+fn a_silent_vehicle_that_hovers_is_said_to_have_nobody() {
+    for autopilot in KINDS {
+        let mut flight = hovering(autopilot);
+        flight.bridge.return_home("the mission is over");
+        flight.until(10.0, |flight| matches!(flight.state(), State::Home { .. }));
+        flight.restart(RESTARTED);
+        flight.advance(5.0);
+        let _ = flight.copter.change_to(CopterMode::Guided);
+        flight.advance(90.0);
+        let said = count(&flight, "nobody is known to fly it");
+        assert_eq!(said > 0, flight.copter.is_in_air(), "{autopilot:?}: {:?}", flight.said);
+    }
+}
+
 /// An autopilot that has lost its home, or another vehicle, under a bridge that was restarted.
 #[test]
 fn a_home_that_is_far_from_the_saved_one_stops_the_waypoints() {

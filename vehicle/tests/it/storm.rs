@@ -174,7 +174,8 @@ fn fly(seed: u64, tally: &mut Tally) {
         tally.armed_twice.push(format!("{who}: {:?}", flight.orders));
     }
     // It is up there, nobody has chosen that, and nobody is told.
-    let is_said = count(&flight, "is on its way to its start") + count(&flight, "does not follow") > 0;
+    let said = ["is on its way to its start", "does not follow", "nobody is known to fly it"];
+    let is_said = said.iter().any(|words| count(&flight, words) > 0);
     let is_hanging = flight.copter.is_in_air() && flight.copter.mode == CopterMode::Guided && !is_said;
     if is_hanging && flight.state() != State::HandsOff {
         tally.for_ever.push(format!("{who}: {:?} {:?}", flight.state(), flight.said));
