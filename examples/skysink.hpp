@@ -1,5 +1,5 @@
 // The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
-// cargo test --workspace --test ring_planners -- --refresh
+// cargo test --workspace --test it write_the_layouts -- --ignored
 
 #pragma once
 

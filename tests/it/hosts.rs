@@ -1,4 +1,4 @@
-//! The ring across hosts: refusals before the start. The missions are in `tests/machine/hosts.rs`.
+//! The ring across hosts: refusals before the start. The missions are in `tests/it/other_hosts.rs`.
 
 use std::ffi::OsString;
 use std::fs;

@@ -9,7 +9,7 @@ use crate::support::flight::RING;
 fn ring_and_single_process_lose_the_same_bits_by_expiry_through_kills_and_a_resumption() {
     let place = Place::new();
     for (objective, overflow) in [("\"expiry\"", "newest"), ("{ expiry = 1.0, age = 0.5 }", "oldest")] {
-        let flight = place.flight("long").set("slots", 1500).set("planner.objective", objective).force();
+        let flight = place.flight("long").set("slots", 600).set("planner.objective", objective).force();
         let flight = flight.set("sensors.expiry_s", 8).set("sensors.overflow", overflow).strategy("horizon");
         let flight = flight.set("sensors.count", 30).set("sensors.sampling_bps", "[50.0, 900.0]");
         let run = flight.set("planner.horizon.iterations", 20).without_viewer().start();
@@ -34,7 +34,7 @@ fn ring_and_single_process_lose_the_same_bits_by_expiry_through_kills_and_a_resu
 fn ring_and_single_process_agree_on_deaths_through_kills_and_a_resumption() {
     let place = Place::new();
     for (strategy, knowledge) in [("horizon", "oracle"), ("max-age-first", "estimated")] {
-        let flight = place.flight("long").set("slots", 1500).force().strategy(strategy);
+        let flight = place.flight("long").set("slots", 1100).force().strategy(strategy);
         let flight = flight.set("sensors.count", 30).set("sensors.sampling_bps", "[50.0, 900.0]");
         fs::write(place.path("harvest.csv"), "slot,sensor,harvest_w\n100,,0.004\n900,,0\n50,3,0.05\n").unwrap();
         let harvest = place.path("harvest.csv");

@@ -1,7 +1,7 @@
 //! The tables of the book that restate code: registries, topics, types, and entities of recordings.
 //!
 //! A table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is one of [`TABLES`], or type names, of which
-//! the others are types of fields of the first. `tests/ring_planners/layouts.rs` writes the layouts of messages.
+//! the others are types of fields of the first. `tests/it/ring_planners/layouts.rs` writes the layouts of messages.
 
 mod registries;
 

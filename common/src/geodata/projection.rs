@@ -3,21 +3,9 @@
 //!
 //! The plane touches the WGS84 ellipsoid at that corner. Whether a position lies in the area is left to the caller.
 
-use nalgebra::Vector3;
-use sguaba::math::RigidBodyTransform;
-use sguaba::systems::{Ecef, Wgs84};
-use sguaba::{Coordinate, system};
-use uom::ConstZero;
-use uom::si::angle::degree;
-use uom::si::f64::{Angle, Length};
-use uom::si::length::meter;
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::Position;
-
-system!(
-    /// East, north and up at the south-west corner of the area.
-    struct Corner using ENU
-);
 
 /// Depth [m] below the plane beyond which the ground faces away from it, so that the projection is not unique. The
 /// centre of the Earth lies 6357 to 6378 km below the plane, the horizon at most 22 km higher.
@@ -46,15 +34,30 @@ pub struct GeodeticPosition {
 
 /// The projection about one origin.
 #[derive(Debug, Clone, Copy)]
-pub struct Projection(RigidBodyTransform<Ecef, Corner>);
+pub struct Projection {
+    /// From Earth-centred coordinates [m] to east, north and up at the origin [m].
+    to_plane: Isometry3<f64>,
+}
 
 impl Projection {
     /// The projection onto the plane that touches the ellipsoid at `origin`, x east and y north.
     pub fn at(origin: Origin) -> Self {
-        let corner = wgs84(origin.lat_deg, origin.lon_deg);
-        // SAFETY: `Corner` is defined by this origin alone. sguaba marks the call `unsafe` because a wrong origin would
-        // mix up frames; it does not affect memory safety.
-        Self(unsafe { RigidBodyTransform::ecef_to_enu_at(&corner) })
+        let [(sin_lat, cos_lat), (sin_lon, cos_lon)] =
+            [origin.lat_deg, origin.lon_deg].map(|degrees| degrees.to_radians().sin_cos());
+        let rows = Matrix3::new(
+            -sin_lon,
+            cos_lon,
+            0.0, // east
+            -sin_lat * cos_lon,
+            -sin_lat * sin_lon,
+            cos_lat, // north
+            cos_lat * cos_lon,
+            cos_lat * sin_lon,
+            sin_lat, // up
+        );
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
+        let corner = Translation3::from(-earth_centred(origin.lat_deg, origin.lon_deg));
+        Self { to_plane: Isometry3::from_parts(Translation3::identity(), rotation) * corner }
     }
 
     /// Orthogonal projection of a point at altitude 0 onto the plane [m]; `None` on the far side of the Earth.
@@ -62,9 +65,8 @@ impl Projection {
     /// Latitude in [−90, 90]. At the distance d the plane lies `d²/2R` above the ground (75 m at 31 km), and distances
     /// are shortened by about `d³/6R²` (0.12 m there).
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<Position> {
-        let point = Coordinate::<Ecef>::from_wgs84(&wgs84(lat_deg, lon_deg));
-        let [east_m, north_m, up_m] = self.0.transform(point).to_cartesian().map(|length| length.get::<meter>());
-        (up_m > -HORIZON_DEPTH_M).then(|| Position::new(east_m, north_m))
+        let point = self.to_plane * nalgebra::Point3::from(earth_centred(lat_deg, lon_deg));
+        (point.z > -HORIZON_DEPTH_M).then(|| point.xy())
     }
 
     /// The inverse of [`Self::project`]; `None` if no point of the ellipsoid lies below `position`.
@@ -75,8 +77,8 @@ impl Projection {
     pub fn unproject(&self, position: &Position) -> Option<GeodeticPosition> {
         let [a_m, b_m] = SEMI_AXES_M;
         let scaled = |vector: Vector3<f64>| vector.component_div(&Vector3::new(a_m, a_m, b_m));
-        let foot = self.earth_centred([position.x, position.y, 0.0]);
-        let normal = (self.earth_centred([0.0, 0.0, a_m]) - self.earth_centred([0.0; 3])) / a_m;
+        let foot = self.out_of_plane([position.x, position.y, 0.0]);
+        let normal = (self.out_of_plane([0.0, 0.0, a_m]) - self.out_of_plane([0.0; 3])) / a_m;
         let outside = scaled(foot).norm_squared() - 1.0;
         let slope = scaled(foot).dot(&scaled(normal));
         let discriminant = slope * slope - scaled(normal).norm_squared() * outside;
@@ -88,24 +90,19 @@ impl Projection {
     }
 
     /// Earth-centred coordinates [m] of a point in the frame of the plane [m].
-    fn earth_centred(&self, [east_m, north_m, up_m]: [f64; 3]) -> Vector3<f64> {
-        let point = Coordinate::<Corner>::builder()
-            .enu_east(Length::new::<meter>(east_m))
-            .enu_north(Length::new::<meter>(north_m))
-            .enu_up(Length::new::<meter>(up_m))
-            .build();
-        let cartesian = self.0.inverse_transform(point).to_cartesian().map(|length| length.get::<meter>());
-        Vector3::from(cartesian)
+    fn out_of_plane(&self, point_m: [f64; 3]) -> Vector3<f64> {
+        self.to_plane.inverse_transform_point(&point_m.into()).coords
     }
 }
 
-fn wgs84(lat_deg: f64, lon_deg: f64) -> Wgs84 {
-    Wgs84::builder()
-        .latitude(Angle::new::<degree>(lat_deg))
-        .expect("the callers check that it is −90 to 90")
-        .longitude(Angle::new::<degree>(lon_deg))
-        .altitude(Length::ZERO)
-        .build()
+/// Earth-centred coordinates [m] of a point of the ellipsoid: `N = a²/√(a² cos² φ + b² sin² φ)`,
+/// `(N cos φ cos λ, N cos φ sin λ, (b/a)² N sin φ)`.
+fn earth_centred(lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
+    let [a_m, b_m] = SEMI_AXES_M;
+    let [(sin_lat, cos_lat), (sin_lon, cos_lon)] = [lat_deg, lon_deg].map(|degrees| degrees.to_radians().sin_cos());
+    let normal_m = a_m * a_m / (a_m * cos_lat).hypot(b_m * sin_lat);
+    let polar_m = (b_m / a_m).powi(2) * normal_m * sin_lat;
+    Vector3::new(normal_m * cos_lat * cos_lon, normal_m * cos_lat * sin_lon, polar_m)
 }
 
 #[cfg(test)]

@@ -7,21 +7,19 @@
 mod header;
 mod layouts;
 
-#[path = "../../examples/ring_planner.rs"]
+#[path = "../../../examples/ring_planner.rs"]
 mod ring_planner;
-#[path = "../../examples/ring_vehicle.rs"]
+#[path = "../../../examples/ring_vehicle.rs"]
 mod ring_vehicle;
-#[path = "../support/mod.rs"]
-mod support;
 
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode};
 
-use libtest_mimic::{Arguments, Completion, Failed, Trial};
+use crate::Missing;
+use crate::support::flight::RunningFlight;
+use crate::support::{Place, signal_and_wait, wait};
 use rustix::process::Signal;
-use support::flight::RunningFlight;
-use support::{Place, signal_and_wait, wait};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -37,46 +35,45 @@ sensors.count = 60
 uav = { start_m = [0.0, 0.0], endurance_s = 1e6 }
 ";
 
-fn main() -> ExitCode {
-    if env::var_os("SKYSINK_RING").is_some() {
-        let name = env::args_os().next().unwrap_or_default();
-        return if Path::new(&name).ends_with(VEHICLE) { ring_vehicle::main() } else { ring_planner::main() };
-    }
-    if env::args().nth(1).is_some_and(|argument| argument == "--refresh") {
-        header::refresh();
-        layouts::refresh(&header::generated());
-        return ExitCode::SUCCESS;
-    }
-    let test = |name: &str, run: fn()| {
-        Trial::test(name, move || {
-            run();
-            Ok(())
-        })
-    };
-    let tests = vec![
-        test("the_cpp_header_is_up_to_date", header::is_what_the_types_generate),
-        test("the_documented_layouts_match_the_types", || {
-            layouts::are_those_of(&header::generated());
-        }),
-        test("a_rust_strategy_flies_the_same_as_a_planner_command", in_rust_as_a_command),
-        test("a_killed_rust_strategy_flies_the_same", in_rust_by_hand_and_killed),
-        test("a_rust_vehicle_flies_at_its_own_speed", a_vehicle_in_rust),
-        Trial::ignorable_test("a_cpp_planner_flies_the_same_even_when_killed", in_cpp),
-        Trial::ignorable_test("a_cpp_vehicle_flies_the_same_even_after_kills", a_vehicle_in_cpp),
-    ];
-    libtest_mimic::run(&Arguments::from_args(), tests).exit_code()
+/// The variable by which the program is an example: the folder of the ring.
+pub const RING: &str = "SKYSINK_RING";
+
+/// The program as an example.
+pub fn main() -> ExitCode {
+    let name = env::args_os().next().unwrap_or_default();
+    if Path::new(&name).ends_with(VEHICLE) { ring_vehicle::main() } else { ring_planner::main() }
 }
 
-fn in_rust_as_a_command() {
+#[test]
+#[ignore = "writes the header and the page anew"]
+fn write_the_layouts_of_messages() {
+    header::refresh();
+    layouts::refresh(&header::generated());
+}
+
+#[test]
+fn the_cpp_header_is_up_to_date() {
+    header::is_what_the_types_generate();
+}
+
+#[test]
+fn the_documented_layouts_match_the_types() {
+    layouts::are_those_of(&header::generated());
+}
+
+#[test]
+fn a_rust_strategy_flies_the_same_as_a_planner_command() {
     assert_flies_smoke_as_gfs(&env::current_exe().unwrap());
 }
 
-fn in_rust_by_hand_and_killed() {
+#[test]
+fn a_killed_rust_strategy_flies_the_same() {
     assert_survives_being_killed(&env::current_exe().unwrap());
 }
 
 /// `resume` and the commands that fly the mission again read its run.
-fn a_vehicle_in_rust() {
+#[test]
+fn a_rust_vehicle_flies_at_its_own_speed() {
     let place = Place::new();
     let vehicle = place.path(VEHICLE);
     std::os::unix::fs::symlink(env::current_exe().unwrap(), &vehicle).unwrap();
@@ -104,12 +101,10 @@ fn assert_flies_12_m(place: &Place) {
 }
 
 /// Its links carry other bits than the scenario's channel, so `replay` refuses its run.
-fn a_vehicle_in_cpp() -> Result<Completion, Failed> {
+#[test]
+fn a_cpp_vehicle_flies_the_same_even_after_kills() -> Result<(), Missing> {
     let place = Place::new();
-    let vehicle = match compiled(&place, "ring_vehicle") {
-        Ok(vehicle) => vehicle,
-        Err(missing) => return Ok(Completion::ignored_with(format!("{NEEDS}: {missing}"))),
-    };
+    let vehicle = compiled(&place, "ring_vehicle")?;
     place.flight("smoke").without_viewer().vehicle(vehicle.to_str().unwrap()).run();
     assert_flies_12_m(&place);
     place.run_ok(&["report", "run"]);
@@ -131,36 +126,36 @@ fn a_vehicle_in_cpp() -> Result<Completion, Failed> {
     run.wait_for_success();
     place.assert_same_trace("alone", "killed");
     place.assert_clean();
-    Ok(Completion::Completed)
+    Ok(())
 }
 
-fn in_cpp() -> Result<Completion, Failed> {
+#[test]
+fn a_cpp_planner_flies_the_same_even_when_killed() -> Result<(), Missing> {
     let place = Place::new();
-    match compiled(&place, "ring_planner") {
-        Ok(planner) => {
-            assert_flies_smoke_as_gfs(&planner);
-            assert_survives_being_killed(&planner);
-            Ok(Completion::Completed)
-        }
-        Err(missing) => Ok(Completion::ignored_with(format!("{NEEDS}: {missing}"))),
-    }
+    let planner = compiled(&place, "ring_planner")?;
+    assert_flies_smoke_as_gfs(&planner);
+    assert_survives_being_killed(&planner);
+    Ok(())
 }
 
 /// What the examples in C++ need, and the command that runs its test.
 const NEEDS: &str = "needs CMake, a C++ compiler and iceoryx2-cxx 0.10: \
-    CMAKE_PREFIX_PATH=DIR cargo test --workspace --test ring_planners";
+    CMAKE_PREFIX_PATH=DIR cargo test --workspace --test it ring_planners";
 
 /// An example in C++, compiled; an error that says what is missing, if CMake, a compiler or iceoryx2's C++ bindings
 /// are.
-fn compiled(place: &Place, program: &str) -> Result<PathBuf, String> {
+fn compiled(place: &Place, program: &str) -> Result<PathBuf, Missing> {
+    let missing = |what: String| Missing(format!("{NEEDS}: {what}"));
     let build = place.path("build");
     let source = format!("{ROOT}/examples");
     let configured = Command::new("cmake").arg("-S").arg(source).arg("-B").arg(&build).output();
     match configured {
-        Err(error) => Err(format!("cmake: {error}")),
+        Err(error) => Err(missing(format!("cmake: {error}"))),
         Ok(output) if !output.status.success() => {
             let said = String::from_utf8_lossy(&output.stderr).into_owned();
-            Err(said.lines().map(str::trim).filter(|line| !line.is_empty()).take(3).collect::<Vec<_>>().join(" "))
+            Err(missing(
+                said.lines().map(str::trim).filter(|line| !line.is_empty()).take(3).collect::<Vec<_>>().join(" "),
+            ))
         }
         Ok(_) => {
             let built = Command::new("cmake").arg("--build").arg(&build).args(["--target", program]).output().unwrap();

@@ -22,7 +22,7 @@ fn missing() -> Option<&'static str> {
     };
     let name = format!("skytest{}", std::process::id());
     if !rustix::process::getuid().is_root() {
-        return Some("needs root: sudo -E cargo test --workspace --test machine");
+        return Some("needs root: sudo -E cargo test --workspace --test it");
     }
     if !["skysink-link", "iox2-link-tunnel-zenoh"].iter().any(|link| works(link, &["--help"])) {
         return Some("needs skysink-link in the PATH: cargo install --locked --path link");
@@ -48,7 +48,8 @@ fn fly(scenario: &str, arguments: &[&str]) -> Result<Output, Missing> {
     Ok(output(place.command(SCRIPT, &arguments).env("PATH", env::join_paths(folders).unwrap())))
 }
 
-pub fn a_disconnected_host_is_reported_and_does_not_change_the_trace() -> Result<(), Missing> {
+#[test]
+fn a_disconnected_host_is_reported_and_does_not_change_the_trace() -> Result<(), Missing> {
     for host in ["a", "b", "c"] {
         let ended = fly(LONG, &["--cut", host, "4"])?;
         assert_eq!(ended.code, Some(0), "host {host}: {ended:?}");
@@ -62,7 +63,8 @@ pub fn a_disconnected_host_is_reported_and_does_not_change_the_trace() -> Result
     Ok(())
 }
 
-pub fn a_paced_run_continues_without_the_planners_host_and_counts_missed_slots() -> Result<(), Missing> {
+#[test]
+fn a_paced_run_continues_without_the_planners_host_and_counts_missed_slots() -> Result<(), Missing> {
     let ended = fly(LONG, &["--cut", "b", "3", "--pace", "20x"])?;
     assert_eq!(ended.code, Some(3), "a trace with misses is another one: {ended:?}");
     let missed = ended.stdout.lines().find(|line| line.contains("deadlines missed")).unwrap();

@@ -24,7 +24,7 @@ const SOURCES: [&str; 5] = [
 
 const TITLE: &str = "\
 // The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
-// cargo test --workspace --test ring_planners -- --refresh";
+// cargo test --workspace --test it write_the_layouts -- --ignored";
 
 /// A message: its name in C++, its iceoryx2 type name and its length.
 fn message<T: ZeroCopySend>() -> (String, &'static str, usize) {
@@ -96,6 +96,6 @@ pub fn refresh() {
 /// Fails if the header is not what the types generate.
 pub fn is_what_the_types_generate() {
     let committed = fs::read_to_string(path()).unwrap();
-    let remedy = "`cargo test --workspace --test ring_planners -- --refresh` writes it anew";
+    let remedy = "`cargo test --workspace --test it write_the_layouts -- --ignored` writes it anew";
     assert!(committed == generated(), "examples/skysink.hpp is not what the types generate: {remedy}");
 }

@@ -26,7 +26,8 @@ fn percent_reached(stderr: &str) -> f64 {
     line.split_once(": ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
 }
 
-pub fn a_vehicle_flies_a_run_that_every_command_reads() {
+#[test]
+fn a_vehicle_flies_a_run_that_every_command_reads() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { lag: 0.2, noise: 0.1, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
@@ -44,7 +45,8 @@ pub fn a_vehicle_flies_a_run_that_every_command_reads() {
     place.assert_clean();
 }
 
-pub fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
+#[test]
+fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions {
         lag: 0.3,
@@ -60,7 +62,8 @@ pub fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
     vehicle.until_landed();
 }
 
-pub fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
+#[test]
+fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
@@ -76,7 +79,8 @@ pub fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     place.run_ok(&["report", "run", "--sensors"]);
 }
 
-pub fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
+#[test]
+fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).set("slots", 12).start();
@@ -92,7 +96,8 @@ pub fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     assert!(modes.len() == 12 && modes.last().unwrap() == "return", "{modes:?}");
 }
 
-pub fn a_run_whose_vehicle_was_overridden_is_not_offered_to_be_resumed() {
+#[test]
+fn a_run_whose_vehicle_was_overridden_is_not_offered_to_be_resumed() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -104,7 +109,8 @@ pub fn a_run_whose_vehicle_was_overridden_is_not_offered_to_be_resumed() {
     assert!(!ended.stderr.contains("--resume"), "{ended:?}");
 }
 
-pub fn what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resumed_run() {
+#[test]
+fn what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resumed_run() {
     for (is_landed, is_noticed) in [(false, true), (true, true), (false, false)] {
         let place = Place::new();
         let vehicle = TestVehicle::start(KinematicOptions::default());
@@ -137,7 +143,8 @@ pub fn what_a_pilot_took_over_or_landed_in_the_last_slot_is_left_alone_by_a_resu
     }
 }
 
-pub fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
+#[test]
+fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -150,7 +157,8 @@ pub fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
     assert!(is_said("it has disarmed: no slot was flown") || is_said("it was not armed, or not ready"), "{ended:?}");
 }
 
-pub fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
+#[test]
+fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -161,7 +169,8 @@ pub fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() 
     vehicle.until_landed();
 }
 
-pub fn a_vehicle_that_is_not_there_is_named_by_its_address() {
+#[test]
+fn a_vehicle_that_is_not_there_is_named_by_its_address() {
     let place = Place::new();
     place.write("slow.toml", SLOW);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -171,7 +180,8 @@ pub fn a_vehicle_that_is_not_there_is_named_by_its_address() {
     assert!(ended.stderr.contains(&format!("vehicle 1: no vehicle was heard at {address} for ")), "{ended:?}");
 }
 
-pub fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
+#[test]
+fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -184,7 +194,8 @@ pub fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
     assert!(ended.stderr.contains("vehicle 1: returns: no plan has come for "), "{ended:?}");
 }
 
-pub fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
+#[test]
+fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).set("slots", 10).start();
@@ -204,7 +215,8 @@ pub fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
     assert!(stranger.recv(&mut [0; 300]).is_err(), "it got what was meant for the vehicle");
 }
 
-pub fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
+#[test]
+fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
     let place = Place::new();
     // It returns after 3 s of wall time without a bridge.
     let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
@@ -222,7 +234,8 @@ pub fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
     vehicle.until_landed();
 }
 
-pub fn a_restarted_bridge_keeps_a_vehicle_with_a_failsafe_of_five_seconds() {
+#[test]
+fn a_restarted_bridge_keeps_a_vehicle_with_a_failsafe_of_five_seconds() {
     let place = Place::new();
     // At twice real time, so that 2.5 s without heartbeats make it return.
     let vehicle = TestVehicle::start_at(2, KinematicOptions { silence: 5.0, ..KinematicOptions::default() });
@@ -239,7 +252,8 @@ pub fn a_restarted_bridge_keeps_a_vehicle_with_a_failsafe_of_five_seconds() {
     }
 }
 
-pub fn heartbeats_stop_for_a_vehicle_that_is_not_heard() {
+#[test]
+fn heartbeats_stop_for_a_vehicle_that_is_not_heard() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -251,7 +265,8 @@ pub fn heartbeats_stop_for_a_vehicle_that_is_not_heard() {
     assert!(ended.stderr.contains("vehicle 1: is not heard any more, for 3 s"), "{ended:?}");
 }
 
-pub fn a_vehicle_that_the_bridge_before_has_armed_is_not_armed_again() {
+#[test]
+fn a_vehicle_that_the_bridge_before_has_armed_is_not_armed_again() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -265,7 +280,8 @@ pub fn a_vehicle_that_the_bridge_before_has_armed_is_not_armed_again() {
     assert!(!vehicle.copter().is_armed);
 }
 
-pub fn a_pilot_override_outlives_the_bridge() {
+#[test]
+fn a_pilot_override_outlives_the_bridge() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -282,7 +298,8 @@ pub fn a_pilot_override_outlives_the_bridge() {
     assert!(modes(&place)[3..].iter().all(|mode| mode == "return"), "{:?}", modes(&place));
 }
 
-pub fn a_bridge_that_is_killed_while_the_vehicle_returns_is_named() {
+#[test]
+fn a_bridge_that_is_killed_while_the_vehicle_returns_is_named() {
     let place = Place::new();
     let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
     let run = vehicle.flight(&place).set("slots", 3).start();
@@ -294,7 +311,8 @@ pub fn a_bridge_that_is_killed_while_the_vehicle_returns_is_named() {
     vehicle.until_landed();
 }
 
-pub fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
+#[test]
+fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -311,7 +329,8 @@ pub fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return()
     assert!(modes.iter().any(|mode| mode == "hold") && modes.last().unwrap() == "down", "{modes:?}");
 }
 
-pub fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped() {
+#[test]
+fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped() {
     for is_killed in [true, false] {
         let place = Place::new();
         let vehicle = TestVehicle::start(KinematicOptions::default());
@@ -328,7 +347,8 @@ pub fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopp
     }
 }
 
-pub fn a_stopped_run_is_resumed_where_the_vehicle_was() {
+#[test]
+fn a_stopped_run_is_resumed_where_the_vehicle_was() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -346,7 +366,8 @@ pub fn a_stopped_run_is_resumed_where_the_vehicle_was() {
     vehicle.until_landed();
 }
 
-pub fn one_bridge_flies_a_fleet() {
+#[test]
+fn one_bridge_flies_a_fleet() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { count: 2, lag: 0.2, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).settings(FLEET).set("slots", 15).run();
@@ -357,7 +378,8 @@ pub fn one_bridge_flies_a_fleet() {
     assert_eq!(modes(&place).len(), 30);
 }
 
-pub fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
+#[test]
+fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
     let place = Place::new();
     let [first, second] =
         [0.3, 0.0].map(|lag| TestVehicle::start(KinematicOptions { lag, ..KinematicOptions::default() }));
@@ -368,7 +390,8 @@ pub fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
     second.until_landed();
 }
 
-pub fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
+#[test]
+fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     let refused = |options: KinematicOptions, says: &str| {
         let place = Place::new();
         let vehicle = TestVehicle::start(options);
@@ -390,7 +413,8 @@ pub fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     refused(KinematicOptions { home: Origin { lat_deg: 47.4077, lon_deg: 8.5456 }, ..default() }, "it is 10");
 }
 
-pub fn invalid_addresses_are_refused_in_one_line() {
+#[test]
+fn invalid_addresses_are_refused_in_one_line() {
     let place = Place::new();
     place.write("slow.toml", SLOW);
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();

@@ -29,7 +29,8 @@ fn assert_said(ended: &Output, what: &[&str]) {
 
 const SKYSINK: &str = env!("CARGO_BIN_EXE_skysink");
 
-pub fn a_full_disk_ends_a_run_with_whole_lines() -> Result<(), Missing> {
+#[test]
+fn a_full_disk_ends_a_run_with_whole_lines() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("long");
     for command in ["run long.toml --no-viewer --set slots=200000", "simulate long.toml --set slots=200000"] {
@@ -46,7 +47,8 @@ pub fn a_full_disk_ends_a_run_with_whole_lines() -> Result<(), Missing> {
     Ok(())
 }
 
-pub fn a_full_disk_ends_a_run_with_a_viewer() -> Result<(), Missing> {
+#[test]
+fn a_full_disk_ends_a_run_with_a_viewer() -> Result<(), Missing> {
     if !cfg!(feature = "viewer") {
         return Err(Missing("needs the feature viewer: cargo test --workspace".to_owned()));
     }
@@ -65,7 +67,8 @@ pub fn a_full_disk_ends_a_run_with_a_viewer() -> Result<(), Missing> {
     Ok(())
 }
 
-pub fn a_folder_that_cannot_be_written_is_named() -> Result<(), Missing> {
+#[test]
+fn a_folder_that_cannot_be_written_is_named() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("smoke");
     for command in ["run smoke.toml --no-viewer", "simulate smoke.toml", "new field"] {
@@ -82,7 +85,8 @@ pub fn a_folder_that_cannot_be_written_is_named() -> Result<(), Missing> {
     Ok(())
 }
 
-pub fn a_ring_folder_of_another_user_is_refused() -> Result<(), Missing> {
+#[test]
+fn a_ring_folder_of_another_user_is_refused() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("smoke");
     std::fs::create_dir_all(place.rings_folder()).unwrap();
@@ -95,7 +99,8 @@ pub fn a_ring_folder_of_another_user_is_refused() -> Result<(), Missing> {
     Ok(())
 }
 
-pub fn too_little_shared_memory_is_refused_before_anything_is_written() -> Result<(), Missing> {
+#[test]
+fn too_little_shared_memory_is_refused_before_anything_is_written() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("smoke");
     let script = format!("mount -t tmpfs -o size=4m none /dev/shm && {SKYSINK} run smoke.toml --no-viewer --out run");
@@ -107,7 +112,8 @@ pub fn too_little_shared_memory_is_refused_before_anything_is_written() -> Resul
     Ok(())
 }
 
-pub fn a_file_at_its_size_limit_ends_a_run_with_one_line() -> Result<(), Missing> {
+#[test]
+fn a_file_at_its_size_limit_ends_a_run_with_one_line() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("long");
     let script = format!("ulimit -f 60; exec {SKYSINK} simulate long.toml --set slots=200000 --out run");

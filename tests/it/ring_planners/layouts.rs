@@ -8,7 +8,7 @@ use super::ROOT;
 
 /// What stands before and after the layouts on the page.
 const MARKS: [&str; 2] = [
-    "<!-- layouts: written by cargo test --workspace --test ring_planners -- --refresh -->\n",
+    "<!-- layouts: written by cargo test --workspace --test it write_the_layouts -- --ignored -->\n",
     "<!-- end of the layouts -->\n",
 ];
 
@@ -30,7 +30,7 @@ pub fn refresh(header: &str) {
 
 /// Fails if the layouts of the page are not those of this header.
 pub fn are_those_of(header: &str) {
-    let remedy = "`cargo test --workspace --test ring_planners -- --refresh` writes them anew";
+    let remedy = "`cargo test --workspace --test it write_the_layouts -- --ignored` writes them anew";
     assert!(fs::read_to_string(path()).unwrap() == page(header), "{} has other layouts: {remedy}", path());
 }
 
