@@ -22,7 +22,7 @@ fn missing() -> Option<&'static str> {
     };
     let name = format!("skytest{}", std::process::id());
     if !rustix::process::getuid().is_root() {
-        return Some("needs root: sudo -E cargo test --workspace --test it");
+        return Some("needs root: sudo -E cargo test --workspace --test it other_hosts");
     }
     if !["skysink-link", "iox2-link-tunnel-zenoh"].iter().any(|link| works(link, &["--help"])) {
         return Some("needs skysink-link in the PATH: cargo install --locked --path link");

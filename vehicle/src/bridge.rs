@@ -176,7 +176,7 @@ impl Bridge {
             let before = saved.get(uav);
             let state = match (before.map(|before| before.state), beginning) {
                 (None, _) if report.flown_mode() == Mode::Down => State::Done, // of a run on another host
-                (None, _) if report.flown_mode() == Mode::Return => State::HandsOff,
+                (None, _) if report.flown_mode() == Mode::Return => State::Silent, // a pilot's mode will show
                 (None, _) => State::Check { may_fly_on: false },
                 (Some(state), Beginning::First) => state.resumed(),
                 (Some(state), Beginning::Restarted { .. }) => state.restarted(),
@@ -232,9 +232,12 @@ impl Bridge {
         refused.map_or(Ok(()), Err)
     }
 
-    /// Notes that the command to arm the vehicle of this number from 0 was not sent, because of `why`.
-    pub fn forget_arming(&mut self, uav: usize, why: &str) {
-        self.members[uav].control.forget_arming(why);
+    /// Notes that the command to arm the vehicle of this number from 0 was not sent, because of `why`. Returns the lines for
+    /// people.
+    pub fn forget_arming(&mut self, uav: usize, why: &str) -> Vec<String> {
+        let control = &mut self.members[uav].control;
+        control.forget_arming(why);
+        control.take_said()
     }
 
     /// Flies without the vehicle of this number from 0, because of `why`.
@@ -425,8 +428,7 @@ impl Member {
 
     /// Whether it flies to the waypoint of its plan.
     fn flies_plan(&self) -> bool {
-        let is_accepted = self.refusal == HoldReason::None && !self.control.has_refused();
-        self.plan.is_some() && is_accepted && matches!(self.control.state(), State::Fly { .. })
+        self.plan.is_some() && self.refusal == HoldReason::None && self.control.takes_waypoints()
     }
 
     /// What it reports at the end of a slot, at `end_s` of the mission [s] if its clock is not known, without links,

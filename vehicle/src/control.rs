@@ -113,7 +113,7 @@ impl VehicleControl {
     pub fn new(assignment: Assignment, state: State, before: Option<&SavedVehicle>) -> Self {
         let hearing = Hearing { arrivals: LinkArrivals::default(), jumps: Jumps::at_most(assignment.speed_mps) };
         let start = assignment.start;
-        let was_down = state.is_flown() || before.map_or(state == State::HandsOff, |before| before.was_down);
+        let was_down = state.is_flown() || before.is_some_and(|before| before.was_down);
         let saved_home_m = before.filter(|_| state.may_fly()).and_then(|before| before.home_m); // else it is armed anew
         let mut outbox = Outbox::default();
         if let State::Fly { .. } = state {
@@ -422,7 +422,12 @@ impl VehicleControl {
 
     /// Whether it flies to the waypoints of plans, as far as is known.
     pub fn follows_plans(&self, now_s: f64) -> bool {
-        matches!(self.state, State::Fly { .. }) && !self.has_refused() && self.has_current_position(now_s)
+        self.takes_waypoints() && self.has_current_position(now_s)
+    }
+
+    /// Whether it is in its mission, has not refused its waypoint, and has a home that is believed.
+    pub fn takes_waypoints(&self) -> bool {
+        matches!(self.state, State::Fly { .. }) && !self.has_refused() && self.home_m().is_some()
     }
 
     /// Whether it has refused its waypoint.

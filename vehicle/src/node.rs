@@ -339,18 +339,27 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut orders = Vec::new();
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
         let polled = self.bridge.poll(now_s, |uav, order| orders.push((uav, *order)), say);
-        let saved = |(uav, chosen)| self.bridge.control(uav).saved(chosen);
-        let vehicles = self.link.chosen().enumerate().map(saved).collect();
-        let is_saved = self.saved.save(vehicles);
+        let is_saved = self.save();
+        let mut was_forgotten = false;
         for (uav, order) in orders {
             if order != Order::Arm || is_saved && polled.is_ok() {
                 self.link.send(uav, &order);
             } else {
                 let why = if is_saved { "another vehicle must not fly" } else { "its state cannot be saved" };
-                self.bridge.forget_arming(uav, why);
+                self.bridge.forget_arming(uav, why).into_iter().for_each(|line| say(uav, line));
+                was_forgotten = true;
             }
         }
+        if was_forgotten {
+            self.save();
+        }
         polled.map_err(|refused| refusal(&refused))
+    }
+
+    /// Saves what the bridge after this one has to know. Returns whether it is saved.
+    fn save(&mut self) -> bool {
+        let saved = |(uav, chosen)| self.bridge.control(uav).saved(chosen);
+        self.saved.save(self.link.chosen().enumerate().map(saved).collect())
     }
 
     /// Sleeps until there is a plan, for at most [`POLL_EVERY`].

@@ -97,6 +97,8 @@ pub struct SavedVehicles {
     /// By UAV, in the ring and in the folder of the run.
     vehicles: Vec<SavedVehicle>,
     in_run: Vec<SavedVehicle>,
+    /// By UAV, [`SavedVehicle::was_flown`], whatever could be written.
+    were_flown: Vec<bool>,
     /// Whether something was saved that cannot be read.
     is_lost: bool,
     /// When a file could not be written last.
@@ -126,7 +128,9 @@ impl SavedVehicles {
         });
         let run = record_path(folder);
         let in_run = run.as_ref().and_then(|run| read(&run.join(VEHICLES))).unwrap_or_default();
-        Self { folder: folder.to_owned(), run, vehicles, in_run, is_lost, failed: None, said: Vec::new() }
+        let mut were_flown: Vec<bool> = vehicles.iter().map(|vehicle| vehicle.was_flown).collect();
+        were_flown.resize(uavs, false);
+        Self { folder: folder.to_owned(), run, vehicles, in_run, were_flown, is_lost, failed: None, said: Vec::new() }
     }
 
     /// Whether something was saved that cannot be read: a vehicle may have been armed.
@@ -145,16 +149,14 @@ impl SavedVehicles {
     pub fn save(&mut self, mut vehicles: Vec<SavedVehicle>) -> bool {
         let may_retry = self.failed.is_none_or(|failed| failed.elapsed() >= RETRY);
         for (uav, vehicle) in vehicles.iter_mut().enumerate() {
-            let before = self.vehicles.get(uav);
-            vehicle.was_flown |= before.is_some_and(|before| before.was_flown)
+            vehicle.was_flown |= self.were_flown[uav]
                 || match vehicle.state {
+                    State::Arm { was_armed } => was_armed,
                     State::Climb | State::Fly { .. } | State::Home { .. } => true,
-                    // Somebody took it who had not flown it when the run began.
-                    State::HandsOff => {
-                        before.is_some_and(|before| matches!(before.state, State::Arm { .. } | State::Silent))
-                    }
+                    State::HandsOff => vehicle.was_down, // else it was found so, as after a resumption that came too early
                     _ => false,
                 };
+            self.were_flown[uav] = vehicle.was_flown;
         }
         if let Some(run) = &self.run {
             let kept = |(uav, vehicle): (usize, &SavedVehicle)| match self.in_run.get(uav) {
@@ -247,7 +249,7 @@ mod tests {
             || read(&run.path().join(VEHICLES)).unwrap().iter().map(|vehicle| vehicle.state).collect::<Vec<_>>();
         let save = |states: [State; 2]| {
             let mut saved = SavedVehicles::of(ring.path(), 2, false);
-            let vehicle = |state| SavedVehicle { was_flown: false, ..vehicle(state) };
+            let vehicle = |state| SavedVehicle { was_flown: false, was_down: false, ..vehicle(state) };
             assert!(saved.save(states.map(vehicle).to_vec()));
         };
         let begin_again = || std::fs::remove_file(ring.path().join(VEHICLES)).unwrap();
@@ -302,7 +304,7 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_was_taken_over_in_its_start_is_left_alone_by_the_next_run() {
-        for before in [State::Arm { was_armed: false }, State::Silent] {
+        for before in [CHECK, State::Arm { was_armed: false }, State::Silent] {
             let [ring, run] = [0; 2].map(|_| tempfile::tempdir().unwrap());
             std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
             let mut saved = SavedVehicles::of(ring.path(), 1, false);
@@ -311,6 +313,19 @@ mod tests {
             }
             assert!(is_over(run.path()), "{before:?}");
         }
+    }
+
+    #[test]
+    fn a_vehicle_that_was_armed_and_is_off_again_is_not_armed_by_the_next_run() {
+        let [ring, run] = [0; 2].map(|_| tempfile::tempdir().unwrap());
+        std::fs::write(ring.path().join("record"), run.path().to_str().unwrap()).unwrap();
+        let mut saved = SavedVehicles::of(ring.path(), 1, false);
+        let folder = saved.folder.clone();
+        for (state, is_full) in [(CHECK, false), (State::Arm { was_armed: true }, true), (State::Done, true)] {
+            saved.folder = if is_full { folder.join("full") } else { folder.clone() }; // nothing can be written to the ring
+            saved.save(vec![SavedVehicle { was_flown: false, ..vehicle(state) }]);
+        }
+        assert!(is_over(run.path()));
     }
 
     #[test]

@@ -1,8 +1,7 @@
 //! External planners and vehicles in the ring: the examples in Rust and C++ fly as `gfs` does, or at their own speed,
 //! also when they are killed.
 //!
-//! The program is the examples in Rust as well: `skysink run --planner` starts it as one, without an argument, and
-//! `--vehicle` as the other, by a link of the name [`VEHICLE`].
+//! The program is the examples in Rust as well, by links of the names [`PLANNER`] and [`VEHICLE`].
 
 mod header;
 mod layouts;
@@ -23,7 +22,8 @@ use rustix::process::Signal;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
-/// The name by which the program is the example of a vehicle.
+/// The names by which the program is an example.
+const PLANNER: &str = "ring_planner";
 const VEHICLE: &str = "ring_vehicle";
 
 /// A scenario long enough to kill a planner in, which begins in transit: from the start no SN is within reach.
@@ -35,13 +35,20 @@ sensors.count = 60
 uav = { start_m = [0.0, 0.0], endurance_s = 1e6 }
 ";
 
-/// The variable by which the program is an example: the folder of the ring.
-pub const RING: &str = "SKYSINK_RING";
+/// The example that the program is, by its name.
+pub fn example() -> Option<fn() -> ExitCode> {
+    let name = env::args_os().next()?;
+    let is = |example: &str| Path::new(&name).ends_with(example);
+    [(PLANNER, ring_planner::main as fn() -> ExitCode), (VEHICLE, ring_vehicle::main)]
+        .into_iter()
+        .find_map(|(example, main)| is(example).then_some(main))
+}
 
-/// The program as an example.
-pub fn main() -> ExitCode {
-    let name = env::args_os().next().unwrap_or_default();
-    if Path::new(&name).ends_with(VEHICLE) { ring_vehicle::main() } else { ring_planner::main() }
+/// The program by the name of an example.
+fn named(place: &Place, example: &str) -> PathBuf {
+    let path = place.path(example);
+    std::os::unix::fs::symlink(env::current_exe().unwrap(), &path).unwrap();
+    path
 }
 
 #[test]
@@ -63,20 +70,21 @@ fn the_documented_layouts_match_the_types() {
 
 #[test]
 fn a_rust_strategy_flies_the_same_as_a_planner_command() {
-    assert_flies_smoke_as_gfs(&env::current_exe().unwrap());
+    let place = Place::new();
+    assert_flies_smoke_as_gfs(&named(&place, PLANNER));
 }
 
 #[test]
 fn a_killed_rust_strategy_flies_the_same() {
-    assert_survives_being_killed(&env::current_exe().unwrap());
+    let place = Place::new();
+    assert_survives_being_killed(&named(&place, PLANNER));
 }
 
 /// `resume` and the commands that fly the mission again read its run.
 #[test]
 fn a_rust_vehicle_flies_at_its_own_speed() {
     let place = Place::new();
-    let vehicle = place.path(VEHICLE);
-    std::os::unix::fs::symlink(env::current_exe().unwrap(), &vehicle).unwrap();
+    let vehicle = named(&place, VEHICLE);
     let vehicle = vehicle.to_str().unwrap();
     place.flight("smoke").without_viewer().vehicle(vehicle).run();
     assert_flies_12_m(&place);
