@@ -150,7 +150,9 @@ fn a_home_that_is_far_from_the_saved_one_stops_the_waypoints() {
     flight.restart(RESTARTED);
     flight.drift_m = -40.0;
     flight.orders.clear();
-    flight.fly_slot(2, Some(plan(50.0, 66.0)));
+    let flown = flight.bridge.ends.flown;
+    let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
+    assert_eq!((report.flown_mode(), flight.bridge.ends.flown), (Mode::Hold, flown), "it hovers where it is");
     let is_waypoint = |(_, order): &(f64, Order)| matches!(order, Order::Reposition { .. });
     assert!(!flight.orders.iter().any(is_waypoint), "{:?}", flight.orders);
     let line = "reports an altitude of its home that is 40 m from the one at its take-off: it gets no waypoints";
@@ -159,6 +161,25 @@ fn a_home_that_is_far_from_the_saved_one_stops_the_waypoints() {
     flight.advance(10.0);
     flight.fly_slot(3, Some(plan(50.0, 62.0)));
     assert!(flight.orders.iter().any(is_waypoint), "{:?}", flight.said);
+}
+
+/// A run on another host, of which only the trace is there: its vehicle was returning, or hovers unheard.
+#[test]
+fn a_vehicle_of_which_only_a_return_is_known_gets_no_heartbeats_before_a_pilot_shows() {
+    for mode in [CopterMode::Guided, CopterMode::Loiter] {
+        let mut flight = hovering(AutopilotKind::ArduPilot);
+        flight.bridge.return_home("the run is stopped");
+        flight.fly_slot(1, None);
+        assert_eq!(flight.reports[0].flown_mode(), Mode::Return);
+        flight.restart_with(Beginning::First, &[]);
+        let _ = flight.copter.change_to(mode);
+        flight.orders.clear();
+        flight.advance(3.0);
+        let is_a_pilots = mode == CopterMode::Loiter;
+        let expected = if is_a_pilots { Heartbeats::Due } else { Heartbeats::Withheld };
+        assert_eq!(flight.bridge.control(0).heartbeats(flight.now_s), expected, "{:?}", flight.said);
+        assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+    }
 }
 
 #[test]
