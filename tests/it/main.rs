@@ -75,7 +75,6 @@ mod vehicle;
 #[cfg(feature = "viewer")]
 mod view;
 
-use std::env;
 use std::num::NonZero;
 use std::process::ExitCode;
 use std::thread::available_parallelism;
