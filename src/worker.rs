@@ -8,11 +8,11 @@ use clap::{Args, Parser};
 use iceoryx2::prelude::{LogLevel, ipc, set_log_level_from_env_or};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::stop::Stop;
+use skysink_common::stop::{Stop, Stopped};
 use skysink_flight_sim::outside::{OutsideVehicle, REACHED_M};
 use skysink_planner::settings;
 use skysink_planner::strategy::{Setup, Strategy};
-use skysink_ring::error::NodeError;
+use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
@@ -57,7 +57,7 @@ pub fn run<A: Args>(
     };
     let stop = stop_on_signals();
     let result = join(&ring).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &additional));
-    exit_code(role, result)
+    exit_code(role, result, &stop)
 }
 
 /// Runs the strategies that `make` makes, one for each UAV, as the planner of a ring. `skysink run --planner` starts such
@@ -100,13 +100,18 @@ pub fn join(arguments: &RingArguments) -> Result<(Scenario, RingFolder), NodeErr
 
 /// The exit code of the program of `role`. Prints the error, unless a signal has requested the end.
 #[must_use]
-pub fn exit_code(role: Role, result: Result<(), NodeError>) -> u8 {
-    let Err(error) = result else { return 0 };
-    let code = error.exit_code();
-    if code < 128 {
-        role.log(error);
+pub fn exit_code(role: Role, result: Result<(), NodeError>, stop: &Stop) -> u8 {
+    match (result, stop.requested()) {
+        (Ok(()), _) => 0,
+        // A signal interrupts what iceoryx2 waits for, such as a topic that is being created.
+        (Err(NodeError::Ring(RingError::Topic { .. })), Some(signal)) => Stopped(signal).exit_code(),
+        (Err(NodeError::Stopped(stopped) | NodeError::Ring(RingError::Stopped(stopped))), _) => stopped.exit_code(),
+        (Err(error), _) => {
+            let code = error.exit_code();
+            role.log(error);
+            code
+        }
     }
-    code
 }
 
 /// Turns the log of iceoryx2 off unless `IOX2_LOG_LEVEL` is set. Its failures are returned as errors.

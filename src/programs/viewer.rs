@@ -51,7 +51,7 @@ pub fn viewer(arguments: Vec<OsString>) -> u8 {
         .init();
     let stop = stop_on_signals();
     let result = record(&cli, &stop);
-    worker::exit_code(Role::Viewer, result)
+    worker::exit_code(Role::Viewer, result, &stop)
 }
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
