@@ -1,7 +1,7 @@
 //! The keys of `[planner]` that apply to all strategies.
 
 use serde::{Deserialize, Serialize};
-use skysink_common::channel::{Channel, HeardLinks, LinkLaw, LinkModel};
+use skysink_common::channel::{Channel, LinkModel};
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::keys::Accepts;
@@ -32,8 +32,7 @@ skysink_common::keys! {
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
         objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline, expiry and energy_j: weights from 0 to 1e12, not all 0");
         /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance, `link.law_snr_db`;
-        /// `"map"` if absent. `"heard"`: that law, or the mean of a line of sight that stays (`link.los_correlation_m`),
-        /// corrected by the SNRs heard within `link.beacon_radius_m`.
+        /// `"map"` if absent.
         links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
         /// What plans take the link for, where that is wrong; without this table they know its law. Not with `links`.
         link: Option<AssumedLink>, Accepts::TableOf(AssumedLink::KEYS);
@@ -66,20 +65,13 @@ impl Settings {
         let (Some(links), link) = (self.links, &scenario.link) else { return Ok(()) };
         let name = LinkKnowledge::VARIANTS[links as usize];
         let refuse = |expected| Err(scenario.refusal("planner.links", &name.into(), expected));
-        let (is_map, is_heard) = (link.model == LinkModel::Map, links == LinkKnowledge::Heard);
-        match () {
-            () if is_heard && !is_map && !link.stays_in_sight() => {
-                refuse("it only with link.model = \"map\", or with link.los_correlation_m above 0")
-            }
-            () if !is_heard && !is_map => refuse("it only with link.model = \"map\""),
-            () if is_heard && link.beacon_radius_m.is_none() => {
-                refuse("link.beacon_radius_m, within which SNRs are heard, beside it")
-            }
-            () if self.link.is_some() => refuse("it without the table [planner.link]"),
-            () if links != LinkKnowledge::Map && is_map && link.law().is_none() => {
+        match links {
+            _ if link.model != LinkModel::Map => refuse("it only with link.model = \"map\""),
+            _ if self.link.is_some() => refuse("it without the table [planner.link]"),
+            LinkKnowledge::Law if link.law().is_none() => {
                 refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it")
             }
-            () => Ok(()),
+            LinkKnowledge::Law | LinkKnowledge::Map => Ok(()),
         }
     }
 
@@ -121,17 +113,8 @@ impl Settings {
         let channel = Channel::of(&link.map_or_else(|| planned.clone(), |assumed| assumed.of(planned.clone())));
         match (links, law) {
             (Some(LinkKnowledge::Law), Some(law)) => channel.by_law(law),
-            (Some(LinkKnowledge::Heard), Some(law)) => channel.by_law(LinkLaw { is_heard: true, ..law }),
             _ => channel,
         }
-    }
-
-    /// What plans of `scenario` reckon with of links that were heard, before anything was; `None` if they do not.
-    #[must_use]
-    pub fn heard(scenario: &Scenario) -> Option<HeardLinks> {
-        scenario.link.beacon_radius_m?;
-        let links = Self::of(scenario).ok()?.links;
-        (links == Some(LinkKnowledge::Heard)).then(|| HeardLinks::of(&scenario.link))
     }
 
     /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
@@ -171,8 +154,6 @@ pub enum LinkKnowledge {
     Map,
     /// A law of the distance.
     Law,
-    /// A law, corrected by the SNRs that were heard.
-    Heard,
 }
 
 /// What plans over many slots are made for (decision D36).

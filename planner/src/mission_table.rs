@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
 use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::belief::Belief;
-use skysink_common::channel::{Channel, ChannelModel, HeardLinks, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
@@ -28,8 +28,6 @@ pub struct MissionTable {
     pub arrivals: ArrivalLaw,
     /// The channel of all uplinks, with the time for communication that plans reckon with.
     pub channel: Channel,
-    /// What was heard of the links, if plans reckon with it (`planner.links = "heard"`).
-    pub heard: Option<HeardLinks>,
     /// The constraints on every plan.
     pub limits: Limits,
     /// Farthest flight in one slot with the wind, for bounds [m]; plans keep to `limits.reach_m`.
@@ -73,7 +71,6 @@ impl MissionTable {
             sensors,
             arrivals: scenario.arrival_law(),
             channel: Settings::channel(scenario),
-            heard: Settings::heard(scenario),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
             track: scenario.uav.waypoints_m.as_deref().map(Arc::from),
@@ -81,12 +78,11 @@ impl MissionTable {
         }
     }
 
-    /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, what is heard of
-    /// links, and the turns if positions and range are the same.
+    /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, and the turns
+    /// if positions and range are the same.
     #[must_use]
     pub fn over(&self, scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
         let mut other = Self::within(scenario, sensors, Arc::clone(&self.airspace));
-        other.heard.clone_from(&self.heard);
         let has_range = other.limits.comm_radius_m == self.limits.comm_radius_m;
         if has_range && other.sensors.positions == self.sensors.positions {
             other.turns = Arc::clone(&self.turns);
@@ -178,21 +174,16 @@ impl MissionTable {
         self.is_hidden.contains(&true) || self.is_out.iter().any(|[is_out, _]| *is_out)
     }
 
-    /// The uplink of SN `id` to the UAV at `uav`, with what was heard of it.
+    /// The uplink of SN `id` to the UAV at `uav`.
     #[inline]
     pub fn uplink(&self, id: u32, uav: &Point3<f64>) -> Uplink {
-        let sensor = self.sensors.position(id);
-        let uplink = self.channel.uplink(self.sensors.gains[id as usize], sensor, uav);
-        match &self.heard {
-            None => uplink,
-            Some(heard) => Uplink { level: heard.residual(sensor, uav), ..uplink },
-        }
+        self.channel.uplink(self.sensors.gains[id as usize], self.sensors.position(id), uav)
     }
 
-    /// Whether links of the same length have levels of their own: by a map, or by what was heard.
+    /// Whether links of the same length have levels of their own, by a map.
     #[inline]
     pub fn has_levels(&self) -> bool {
-        self.heard.is_some() || self.channel.map().is_some()
+        self.channel.map().is_some()
     }
 
     /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the

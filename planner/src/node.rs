@@ -3,7 +3,6 @@
 use std::fs;
 
 use iceoryx2::prelude::Service;
-use skysink_common::channel::BYTES_PER_HEARD;
 use skysink_common::checkpoint::{decode, encode};
 use skysink_common::message::{FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
@@ -39,8 +38,7 @@ const BYTES_PER_CONTACT: usize = 5;
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
-    let heard = if folder.terms().has_beacons() { BYTES_PER_HEARD } else { 0 };
-    let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT + heard) * count) * uavs;
+    let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT) * count) * uavs;
     let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
     Journal::open(&folder.journal("plans"), policy)
 }
@@ -72,8 +70,8 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before the plan is published. After a
-    /// requested stop the plan is neither saved nor published.
+    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before the
+    /// plan is published. After a requested stop the plan is neither saved nor published.
     fn plan(
         &mut self,
         slot: u64,
@@ -82,7 +80,7 @@ impl Journaled {
         queues_bits: &[u32],
     ) -> Result<ByUav<Plan>, RingError> {
         self.resume(slot)?;
-        self.planner.hear(flights, links);
+        self.planner.hear(links);
         self.planner.observe(slot - 1, flights, queues_bits);
         let plans = self.planner.step(slot, flights, queues_bits);
         self.planner.stop().check()?;
@@ -162,7 +160,7 @@ fn run_with<S: Service + 'static>(
                     journaled.resume(slot + 1)?;
                     let heard = links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
                     let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
-                    journaled.planner.hear(&flights, heard.as_deref().unwrap_or_default());
+                    journaled.planner.hear(heard.as_deref().unwrap_or_default());
                     journaled.planner.observe(slot, &flights, older.payload());
                 }
             }

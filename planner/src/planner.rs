@@ -9,7 +9,6 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::battery::BatteryState;
 use skysink_common::belief::{Belief, Believed};
-use skysink_common::channel::{HeardLinks, SavedHeard};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
@@ -28,7 +27,7 @@ use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team,
 
 /// The planner of a mission.
 ///
-/// Its checkpoint holds the state of the strategy, the estimate of the queues and what was heard of links; the rest is rebuilt from the scenario
+/// Its checkpoint holds the state of the strategy and the estimate of the queues; the rest is rebuilt from the scenario
 /// and the sensor nodes. With known queues most strategies are stateless: a plan does not depend on the slots before.
 pub struct Planner {
     /// The name in the scenario.
@@ -69,7 +68,6 @@ struct Head {
     strategy: String,
     reported: ReportedQueues,
     estimate: Option<SavedEstimate>,
-    heard: Option<SavedHeard>,
 }
 
 /// The scenario whose range is smaller by `uav.waypoint_margin_m`: waypoints keep that distance from `d_c`.
@@ -145,22 +143,12 @@ impl Planner {
         self.observe_with(slot, flight, std::slice::from_ref(flight), queues_bits);
     }
 
-    /// Takes in the links that the UAV number `uav` knows of after `flights`, those of each UAV: the SNRs that it hears
-    /// itself, and those that others tell. Must be called for every slot before it is observed. Links of unknown UAVs or
-    /// SNs are left out.
-    pub(crate) fn hear(&mut self, uav: usize, flights: &[FlightReport], links: impl Iterator<Item = HeardLink>) {
+    /// Takes in the links that this UAV hears at the end of a slot. Must be called for every slot before it is observed.
+    /// Links of unknown SNs are left out.
+    pub(crate) fn hear(&mut self, links: impl Iterator<Item = HeardLink>) {
         let Some(own) = &mut self.links else { return };
         own.clear();
-        for link in links.filter(|link| (link.sensor as usize) < self.table.sensors.count()) {
-            let Some(flight) = flights.get(link.uav as usize) else { continue };
-            if link.uav as usize == uav {
-                own.push(link);
-            }
-            let MissionTable { sensors, channel, heard: Some(heard), .. } = &self.table else { continue };
-            let (sensor, at) = (sensors.position(link.sensor), flight.position());
-            let uplink = channel.uplink(sensors.gains[link.sensor as usize], sensor, &at);
-            heard.hear(channel, &uplink, sensor, &at, link.snr_db.into());
-        }
+        own.extend(links.filter(|link| (link.sensor as usize) < self.table.sensors.count()));
     }
 
     /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
@@ -285,14 +273,13 @@ impl Planner {
 }
 
 impl Checkpoint for Planner {
-    /// Appends nothing if the queues are known, nothing is learnt of links, and the strategy is stateless.
+    /// Appends nothing if the queues are known and the strategy is stateless.
     fn save(&self, bytes: &mut Vec<u8>) {
         let begin = bytes.len();
         let estimate = self.belief.saved();
-        let heard = self.table.heard.as_ref().map(HeardLinks::saved);
-        let is_stateless = estimate.is_none() && heard.is_none();
+        let is_stateless = estimate.is_none();
         let strategy = self.strategy_name.clone();
-        encode(&Head { slot: self.slot, strategy, reported: self.reported.clone(), estimate, heard }, bytes);
+        encode(&Head { slot: self.slot, strategy, reported: self.reported.clone(), estimate }, bytes);
         let head = bytes.len();
         self.strategy.save(bytes);
         if is_stateless && bytes.len() == head {
@@ -301,19 +288,14 @@ impl Checkpoint for Planner {
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        if bytes.is_empty() && !self.belief.is_estimated() && self.table.heard.is_none() {
+        if bytes.is_empty() && !self.belief.is_estimated() {
             return self.strategy.restore(bytes);
         }
-        let (Head { slot, strategy, reported, estimate, heard }, state) = decode_first(bytes)?;
+        let (Head { slot, strategy, reported, estimate }, state) = decode_first(bytes)?;
         CheckpointError::ensure(strategy == self.strategy_name, "this strategy")?;
         reported.check(slot, self.table.sensors.count())?;
-        CheckpointError::ensure(heard.is_some() == self.table.heard.is_some(), "what this planner learns of links")?;
-        heard.iter().try_for_each(|saved| HeardLinks::check(saved, &self.table.sensors.positions))?;
         let belief = self.belief.restored(slot, estimate)?;
         self.strategy.restore(state)?;
-        if let (Some(known), Some(saved)) = (&self.table.heard, heard) {
-            known.restore(saved);
-        }
         self.belief = belief;
         self.reported = reported;
         self.slot = slot;

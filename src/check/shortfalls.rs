@@ -14,15 +14,14 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
     let unweighted: Vec<&str> = unweighted.filter(|name| flown.contains(name)).collect();
     let without_weights = format!("weights: {} fly without them", unweighted.join(", "));
     let is_windy = scenario.uav.wind_mps.is_some_and(|wind_mps| wind_mps != [0.0; 2]);
-    let is_heard = Settings::heard(scenario).is_some();
     let is_wrong = Settings::of(scenario).is_ok_and(|settings| settings.link.is_some());
     let rules = [
         (scenario.sensors.energy.is_some(), "batteries of sensor nodes: deaths, when they are known, but no charges"),
         (scenario.link.duty_cycle.is_some(), "duty cycles: who is silent, but not what airtime is left"),
         (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also by their spread"),
-        (!is_heard && scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
+        (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
         (
-            !is_heard && scenario.link.residual_m.is_some_and(|residual_m| residual_m > 0.0),
+            scenario.link.residual_m.is_some_and(|residual_m| residual_m > 0.0),
             "links by place: by the law of the residual, whatever a link had before",
         ),
         (

@@ -97,7 +97,7 @@ fn a_restarted_planner_restores_its_state() {
     let packets = learnt.set("sensors.arrivals.model", "poisson").set("sensors.arrivals.packet_bits", 300);
     let bursts = learnt.set("sensors.arrivals.model", "on-off");
     let stays = oracle.set("link.model", "probabilistic-los").set("link.los_correlation_m", 40.0);
-    let hearing = stays.set("link.bandwidth_hz", 5e3).set("link.beacon_radius_m", 60.0).set("planner.links", "heard");
+    let hearing = stays.set("link.bandwidth_hz", 5e3).set("link.beacon_radius_m", 60.0);
     for (strategy, flight) in [
         ("horizon", &oracle),
         ("max-age-first", &oracle),

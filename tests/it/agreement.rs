@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 
 use crate::arrivals::{MODELS, bursts};
-use crate::channel_map::{HEARD, MAP, links, rates};
+use crate::channel_map::{LAW, MAP, links, rates};
 use crate::channel_table::{TABLE, table};
 use crate::support::flight::FlightBuilder;
 use crate::support::{Place, assert_balanced, scenarios};
@@ -83,15 +83,15 @@ const LINKS: &[Row] = &[
         strategies: &["uts link.service=observed", "horizon link.residual_m=30.0", "gfs planner.links=map"],
         ..ROW
     },
-    Row { settings: MAP, decisive: HEARD, strategies: &["horizon"], ..ROW },
+    Row { settings: MAP, decisive: LAW, strategies: &["horizon"], ..ROW },
     Row {
         settings: "link.bandwidth_hz=5e3 link.fading=rician",
         decisive: "planner.link.snr_offset_db=-20 planner.link.k_db=-10",
         strategies: &["uts", "horizon uav.count=2 uav.coordination=sequential"],
         ..ROW
     },
-    Row { settings: MAP, decisive: HEARD, strategies: &["uts uav.count=2 uav.coordination=sequential"], ..ROW },
-    Row { settings: MAP, decisive: HEARD, strategies: &["max-weight uav.count=2 uav.coordination=partition"], ..ROW },
+    Row { settings: MAP, decisive: LAW, strategies: &["uts uav.count=2 uav.coordination=sequential"], ..ROW },
+    Row { settings: MAP, decisive: LAW, strategies: &["max-weight uav.count=2 uav.coordination=partition"], ..ROW },
 ];
 
 const PLANS: &[Row] = &[
@@ -265,11 +265,11 @@ fn ring_and_single_process_fly_the_same_fleets() {
 /// Repeated are the flight, the rest of it after a resumption, and its plans.
 #[test]
 fn a_run_folder_is_repeated_without_the_files_of_its_scenario() {
-    let heard = format!("{MAP} {HEARD} uav.count=2");
+    let by_law = format!("{MAP} {LAW} uav.count=2");
     for (strategy, settings, copy, value, other) in [
         ("uts", MODELS[3], "arrivals.csv", "900", "901"),
         ("horizon", TABLE, "channel.csv", "60000", "60001"),
-        ("max-weight", heard.as_str(), "rates.csv", "60000", "60001"),
+        ("max-weight", by_law.as_str(), "rates.csv", "60000", "60001"),
         ("horizon", TRACK, "scenario.toml", "30.0", "31.0"),
         ("uts", ERRORS, "scenario.toml", "30.0", "31.0"),
         ("tour", ERRORS, "scenario.toml", "30.0", "31.0"),

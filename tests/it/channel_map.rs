@@ -14,8 +14,8 @@ use crate::support::Place;
 /// The settings of a map in `links.csv`, whose SNR becomes a rate by `rates.csv`.
 pub const MAP: &str = "link.model=map link.file=links.csv link.rates=rates.csv link.residual_db=3.0";
 
-/// More settings, of a planner that knows those links alone which a UAV has heard.
-pub const HEARD: &str = "link.residual_m=30.0 link.beacon_radius_m=20.0 link.law_snr_db=45.0 planner.links=heard";
+/// More settings, of a planner that knows the law of the links alone, and of UAVs that hear those near them.
+pub const LAW: &str = "link.residual_m=30.0 link.beacon_radius_m=20.0 link.law_snr_db=45.0 planner.links=law";
 
 /// A hill of SNR in the middle of 100 m for all SNs, without links in a corner, and a flat map for SN 2.
 pub fn links() -> String {

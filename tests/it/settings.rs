@@ -13,6 +13,7 @@ fn a_refused_setting_names_the_option() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\nslots = 30\n");
     place.write("list.csv", "x_m,y_m,sampling_bps\n1,2,300\n");
+    place.write("links.csv", "sensor,x_m,y_m,z_m,rate_bps\n,0,0,20,9e4\n");
     place.assert_transcript(&expect_file!["transcripts/settings.txt"]);
     let told = ["check", "a.toml", "--set", "sensors.file=list.csv", "--set", "sensors.sampling_bps=[50, 400]"];
     place.run_ok(&[&told[..], &["--set", "planner.knowledge=estimated", "--set", "planner.rates=learnt"]].concat());

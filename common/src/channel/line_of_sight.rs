@@ -153,23 +153,12 @@ impl LineOfSight {
         }
     }
 
-    /// Probability of line of sight, `P_L`, with what was heard of it ([`HeardLinks`](super::HeardLinks)), the level of an
-    /// uplink; among buildings 0 or 1.
+    /// Probability of line of sight, `P_L`; among buildings 0 or 1.
     pub fn los_probability(&self, uplink: &Uplink) -> f64 {
         match &self.sight {
-            Sight::Curve(curve) if uplink.level.is_finite() => {
-                (curve.probability(uplink.elevation_deg()) + uplink.level).clamp(0.0, 1.0)
-            }
             Sight::Curve(curve) => curve.probability(uplink.elevation_deg()),
             Sight::Buildings(_) => f64::from(u8::from(uplink.in_sight)),
         }
-    }
-
-    /// SNR in and out of line of sight [dB], after the gap of the modem and without fading.
-    pub(super) fn snrs_db(&self, uplink: &Uplink) -> [f64; 2] {
-        let distance2_db = 10.0 * (uplink.d2_m2 + uplink.z_m * uplink.z_m).log10();
-        let states = [(self.los_snr, self.los_exponent), (self.nlos_snr, self.nlos_exponent)];
-        states.map(|(snr_at_1m, exponent)| 10.0 * snr_at_1m.log10() - 0.5 * exponent * distance2_db)
     }
 
     /// The fading in and out of line of sight.

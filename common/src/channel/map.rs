@@ -267,8 +267,6 @@ pub struct LinkLaw {
     pub snr_db: f64,
     /// Path loss exponent.
     pub exponent: f64,
-    /// Whether it is corrected by what was heard of the links ([`HeardLinks`](super::HeardLinks)): the level of an uplink.
-    pub is_heard: bool,
 }
 
 impl LinkLaw {
@@ -300,7 +298,6 @@ impl MapChannel {
     fn level(&self, uplink: &Uplink) -> f64 {
         match self.law {
             _ if !uplink.in_sight => NO_LINK,
-            Some(law) if law.is_heard && uplink.level.is_finite() => law.snr_db(uplink) + uplink.level,
             Some(law) => law.snr_db(uplink),
             None if uplink.level == f64::INFINITY => {
                 self.map.grids.iter().map(|grid| grid.highest).fold(NO_LINK, f64::max)
@@ -402,7 +399,7 @@ impl ChannelModel for MapChannel {
     }
 
     fn depends_on_elevation(&self) -> bool {
-        self.law.is_none_or(|law| law.is_heard)
+        self.law.is_none()
     }
 
     fn has_own_gains(&self) -> bool {

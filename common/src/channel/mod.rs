@@ -6,11 +6,11 @@
 //!
 //! Levels are in dB in the keys and in the sensor list; messages and channels are linear.
 
+mod beacons;
 mod buildings;
 mod fading;
 mod free_space;
 mod frozen;
-mod heard;
 mod line_of_sight;
 mod map;
 mod model;
@@ -29,7 +29,6 @@ pub(crate) use fading::SHADOWING_DB;
 pub use fading::{Fading, FadingModel, K_DB};
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
-pub use heard::{BYTES_PER_HEARD, HEARD_SNRS, HeardLinks, SavedHeard};
 pub use line_of_sight::{Environment, LineOfSight, LosCurve, Sight};
 pub use map::{LinkLaw, LinkMap, LinkService, MapChannel};
 pub use model::{ChannelModel, Draw, Slopes, Uplink, carried_bits};
@@ -161,13 +160,13 @@ crate::keys! {
         /// The link that counts: from the waypoint, `"waypoint"`, or at the end of the slot before, `"observed"`;
         /// `"waypoint"` if absent.
         service: Option<LinkService>, Accepts::OneOf(LinkService::VARIANTS), map::ONLY;
-        /// SNR at 1 m [dB] of the law of a planner without the map, `planner.links = "law"` or `"heard"`.
+        /// SNR at 1 m [dB] of the law of a planner without the map, `planner.links = "law"`.
         law_snr_db: Option<f64>, SNR_DB, map::ONLY;
         /// Path loss exponent of that law; 2.5 if absent.
         law_exponent: Option<f64>, line_of_sight::EXPONENT, map::ONLY;
         /// Radius on the ground [m] within which a UAV hears the SNRs of SNs at the end of each slot, scheduled or not;
         /// absent: none (decision D32).
-        beacon_radius_m: Option<f64>, POSITIVE, heard::ONLY;
+        beacon_radius_m: Option<f64>, POSITIVE, beacons::ONLY;
         /// Fading of the power, redrawn in every slot; absent: none.
         fading: Option<FadingModel>, Accepts::OneOf(FadingModel::VARIANTS);
         /// Power of the dominant path relative to all others, `K` [dB]; -inf for none (Rayleigh).
@@ -349,7 +348,7 @@ impl LinkBudget {
     /// The law of a planner without the map, if the link has one.
     pub fn law(&self) -> Option<LinkLaw> {
         let exponent = self.law_exponent.unwrap_or(LAW_EXPONENT);
-        self.law_snr_db.map(|snr_db| LinkLaw { snr_db, exponent, is_heard: false })
+        self.law_snr_db.map(|snr_db| LinkLaw { snr_db, exponent })
     }
 
     fn by_map(&self) -> Option<MapChannel> {

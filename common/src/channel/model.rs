@@ -20,8 +20,7 @@ pub struct Uplink {
     pub z_m: f64,
     /// Whether no building is between them; true for channels that do not know.
     pub in_sight: bool,
-    /// SNR [dB] or rate [bit/s] of a map of links; of a law what was heard to differ from it, in dB or in probability of
-    /// line of sight. Infinite where no place is given, and for other channels.
+    /// SNR [dB] or rate [bit/s] of a map of links. Infinite where no place is given, and for other channels.
     pub level: f64,
 }
 

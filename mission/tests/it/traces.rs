@@ -62,7 +62,7 @@ const NODE_ENERGY: &str = "sensors.energy.capacity_j = 2.0\nsensors.energy.sleep
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// The models.
-const MODELS: [Model; 18] = [
+const MODELS: [Model; 17] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -110,20 +110,14 @@ const MODELS: [Model; 18] = [
         "",
     ),
     (
-        "links heard, fleet",
+        "links by their law, fleet",
         &[
             FLEET,
             "link.model = 'map'\nlink.residual_db = 3.0\nlink.residual_m = 40.0\nlink.law_snr_db = 45.0\n",
             concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/it/links.csv'\n"),
             concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/it/rates.csv'\n"),
-            "link.beacon_radius_m = 50.0\nplanner.links = 'heard'\n",
+            "link.beacon_radius_m = 50.0\nplanner.links = 'law'\n",
         ],
-        "",
-    ),
-    (
-        "line of sight heard",
-        &["link.model = 'probabilistic-los'\nlink.los_correlation_m = 40.0\nlink.bandwidth_hz = 5e3\n\
-           link.noise_dbm = -109.0\nlink.beacon_radius_m = 50.0\nplanner.links = 'heard'\n"],
         "",
     ),
 ];

@@ -198,18 +198,16 @@ impl FleetPlanner {
         &self.members[0].planner.stop
     }
 
-    /// Takes in what the UAVs hear after `flights`, by UAV and SN, in every slot before [`Self::observe`]. UAVs that plan
-    /// on their own know only what they hear themselves.
-    pub fn hear(&mut self, flights: &[FlightReport], links: &[HeardLink]) {
-        for (uav, Member { planner, subfield, .. }) in self.members.iter_mut().enumerate() {
-            let is_alone = subfield.is_some() || self.coordination == Coordination::Independent;
-            let known = links.iter().filter(|link| !is_alone || link.uav as usize == uav);
+    /// Takes in what the UAVs hear at the end of a slot, by UAV and SN, in every slot before [`Self::observe`].
+    pub fn hear(&mut self, links: &[HeardLink]) {
+        for (Member { planner, subfield, .. }, uav) in self.members.iter_mut().zip(0..) {
+            let own = links.iter().filter(|link| link.uav == uav);
             match subfield {
                 Some(subfield) => {
-                    let own = |link: &HeardLink| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link });
-                    planner.hear(uav, flights, known.filter_map(own));
+                    let own = own.filter_map(|link| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link }));
+                    planner.hear(own);
                 }
-                None => planner.hear(uav, flights, known.copied()),
+                None => planner.hear(own.copied()),
             }
         }
     }

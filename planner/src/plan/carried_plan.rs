@@ -203,9 +203,6 @@ impl<O: Objective> CarriedPlan<O> {
     pub fn forecast(&mut self, view: &View) -> Option<Forecast<O>> {
         self.update_sensors(view);
         let model = &mut self.model;
-        if model.table.heard.is_some() {
-            model.points.get_mut().forget_links();
-        }
         model.pad_waits = view.pad_waits();
         if !O::HOVERS {
             let intents = view.intents().unwrap_or_default();

@@ -157,8 +157,7 @@ impl PlanModel {
         let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
         let weight = self.table.sensors.weights.factor(index as usize);
         let is_emptied = costs.is_by_visits()
-            || self.table.heard.is_none()
-                && !costs.has_visit_costs()
+            || !costs.has_visit_costs()
                 && self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
                     >= f64::from(sampler.capacity_bits);
         self.sensors.push(SensorModel {

@@ -43,7 +43,7 @@ fn key(point: &Position) -> Key {
     [point.x.to_bits(), point.y.to_bits()]
 }
 
-/// What was found about points; all of it follows from the mission, and from what was heard of links.
+/// What was found about points; all of it follows from the mission.
 #[derive(Debug, Clone, Default)]
 pub struct PointMemory {
     links: FxHashMap<Key, Links>,
@@ -52,14 +52,6 @@ pub struct PointMemory {
     homes: FxHashMap<Key, Option<Route>>,
     /// The best cells for a sensor; empty without a grid.
     cells: FxHashMap<u32, Arc<[Position]>>,
-}
-
-impl PointMemory {
-    /// Forgets the links, which follow from the mission only as long as nothing is heard of them.
-    pub(super) fn forget_links(&mut self) {
-        self.links.clear();
-        self.cells.clear();
-    }
 }
 
 /// The kept value, or that which `find` finds; begins anew when there are too many.

@@ -5,7 +5,7 @@
 //! and [`crate::waypoint::sca`].
 
 use nalgebra::{Point3, Vector2, Vector3};
-use skysink_common::channel::{Channel, ChannelModel, HeardLinks, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 
@@ -26,8 +26,6 @@ const NARROWINGS: u32 = 34;
 pub struct Problem {
     /// The channel of all uplinks.
     pub channel: Channel,
-    /// What was heard of them, if plans reckon with it.
-    pub heard: Option<HeardLinks>,
     /// Reach first, then the range of each scheduled SN, about its position `L_i`.
     pub disks: Vec<Disk>,
     /// Reference channel gain at 1 m of each scheduled SN, `α_i`, as a linear ratio.
@@ -69,7 +67,6 @@ impl Problem {
         let served = table.limits.blocks();
         Self {
             channel: table.channel,
-            heard: table.heard.clone(),
             disks: Vec::with_capacity(served + 1),
             gains: Vec::with_capacity(served),
             altitudes_m: [0.0; 2],
@@ -92,16 +89,7 @@ impl Problem {
     /// Where each scheduled SN stands and its uplink, with the UAV at `uav`.
     pub fn uplinks(&self, uav: &Point3<f64>) -> impl Iterator<Item = (&Position, Uplink)> {
         let sensors = self.disks[1..].iter().zip(&self.gains);
-        sensors.map(|(range, &gain)| {
-            let uplink = self.channel.uplink(gain, &range.centre, uav);
-            (&range.centre, self.corrected(uplink, &range.centre, uav))
-        })
-    }
-
-    /// The `uplink` of the SN at `sensor` with what was heard of it.
-    fn corrected(&self, uplink: Uplink, sensor: &Position, uav: &Point3<f64>) -> Uplink {
-        let level = self.heard.as_ref().map_or(uplink.level, |heard| heard.residual(sensor, uav));
-        Uplink { level, ..uplink }
+        sensors.map(|(range, &gain)| (&range.centre, self.channel.uplink(gain, &range.centre, uav)))
     }
 
     /// Mean of the scheduled positions, the expansion point of the paper.
@@ -132,7 +120,7 @@ impl Problem {
             let away = at.xy() - range.centre;
             let d_m = away.norm();
             let uplink = self.channel.uplink_at(gain, d_m * d_m, at.z);
-            let slopes = self.channel.slopes(&self.corrected(uplink, &range.centre, at));
+            let slopes = self.channel.slopes(&uplink);
             let by_angle = slopes.by_elevation.to_degrees() / (d_m * d_m + at.z * at.z);
             climb += 2.0 * at.z * slopes.by_distance2 + d_m * by_angle;
             if d_m > ABOVE_M {
@@ -228,7 +216,7 @@ pub(crate) mod tests {
         let mut disks = vec![Disk { centre: Position::origin(), radius_m: 80.0 }];
         disks.extend(positions_m.iter().map(|&position| Disk { centre: position.into(), radius_m: 60.0 }));
         let gains = vec![1.0; positions_m.len()];
-        Problem { channel: Channel::LineOfSight(model), heard: None, disks, gains, altitudes_m }
+        Problem { channel: Channel::LineOfSight(model), disks, gains, altitudes_m }
     }
 
     /// No, Rayleigh and Rician fading.

@@ -125,7 +125,7 @@ fn impossible_links_are_refused_and_links_of_strangers_ignored() {
     let place = Place::new();
     let stays =
         place.flight("smoke").set("link.model", "probabilistic-los").set("link.los_correlation_m", 30.0).force();
-    let hearing = stays.set("link.bandwidth_hz", 5e3).set("link.beacon_radius_m", 30.0).set("planner.links", "heard");
+    let hearing = stays.set("link.bandwidth_hz", 5e3).set("link.beacon_radius_m", 30.0);
     for (strategy, has_strangers) in [("uts", false), ("gfs", true)] {
         let (run, mut vehicle) = Vehicle::start(&hearing.strategy(strategy), LONG_S);
         let writer = vehicle.ring.links.as_ref().unwrap().list_writer(100).unwrap();

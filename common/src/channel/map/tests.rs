@@ -81,7 +81,7 @@ fn a_map_of_free_space_is_free_space_at_its_nodes() {
     for x_m in places {
         let at = Point3::new(x_m, 0.0, 20.0);
         assert_eq!(map.level(&Position::origin(), &at), snr_db(x_m));
-        let law = LinkLaw { snr_db: 65.0, exponent: 2.0, is_heard: false };
+        let law = LinkLaw { snr_db: 65.0, exponent: 2.0 };
         let by_law_db = law.snr_db(&Uplink::new(1.0, &Position::origin(), &at));
         assert!((by_law_db - snr_db(x_m)).abs() < 1e-9, "{by_law_db} dB");
     }
@@ -109,7 +109,7 @@ fn the_expected_rate_sums_over_the_steps() {
 
 #[test]
 fn a_planner_with_a_law_knows_no_places() {
-    let law = LinkLaw { snr_db: 50.0, exponent: 2.5, is_heard: false };
+    let law = LinkLaw { snr_db: 50.0, exponent: 2.5 };
     let known = Channel::Map(channel(cell(), 1.0, None));
     let believed = known.by_law(law);
     let at = Point3::new(3.0, 4.0, 12.0); // 13 m: 50 − 25 lg 13 = 22.15 dB

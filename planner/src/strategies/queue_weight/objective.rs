@@ -46,7 +46,6 @@ impl QueueWeightObjective {
     pub(super) fn is_level(&self, view: &View, ids: &[u32]) -> bool {
         let MissionTable { sensors, channel, limits, .. } = view.table;
         self.service == Service::Upload
-            && view.table.heard.is_none()
             && ids.iter().all(|&id| {
                 let gain = sensors.gains[id as usize];
                 let rim = channel.uplink_at(gain, limits.comm_radius_m.powi(2), view.position.z);
