@@ -21,8 +21,8 @@ use crate::per_sensor::PerSensor;
 /// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
 pub const DEAD: u32 = u32::MAX;
 
-/// Added to the queue of an SN without airtime for the next slot on the topics `queues` and `belief`; queues of missions
-/// with a duty cycle or batteries are shorter.
+/// Added to the queue of an SN without airtime for the next slot on the topics `queues` and `belief`; queues of
+/// missions with a duty cycle or batteries are shorter.
 pub const SILENT: u32 = 1 << 31;
 
 /// Whether an SN that is told as `told_bits` cannot be served: it is dead, or has no airtime.
@@ -119,8 +119,6 @@ pub struct NodeEnergyTotals {
     pub used_nj: u128,
     /// Harvested into full batteries.
     pub spilled_nj: u128,
-    /// Of what is used, that for services.
-    pub served_nj: u128,
 }
 
 /// The charges of all SNs.
@@ -150,8 +148,8 @@ pub struct Charges {
 }
 
 impl Charges {
-    /// The charges before slot 1 of SNs with these batteries at `positions`, which harvest by `harvest` if there is one,
-    /// in slots of `slot_s` [s], and which a UAV wakes from `radius_m` [m].
+    /// The charges before slot 1 of SNs with these batteries at `positions`, which harvest by `harvest` if there is
+    /// one, in slots of `slot_s` [s], and which a UAV wakes from `radius_m` [m].
     #[must_use]
     pub fn new(
         keys: NodeEnergyKeys,
@@ -237,13 +235,11 @@ impl Charges {
     /// SN `sensor` is served: it wakes, and sends `bits` [bit] at `rate_bps` [bit/s].
     pub(crate) fn send(&mut self, sensor: usize, bits: u64, rate_bps: f64) {
         let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
-        let before_nj = self.totals.used_nj;
         self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
-        self.totals.served_nj += self.totals.used_nj - before_nj;
     }
 
-    /// Ends `slot` for the live SN `sensor`, which has sampled `bits` [bit], with `uavs` that wake those in range: first
-    /// it uses energy, then it harvests. Returns whether it dies.
+    /// Ends `slot` for the live SN `sensor`, which has sampled `bits` [bit], with `uavs` that wake those in range:
+    /// first it uses energy, then it harvests. Returns whether it dies.
     pub(crate) fn end_slot(&mut self, slot: u64, sensor: usize, bits: u64, uavs: &[Position]) -> bool {
         let is_near = |uav: &Position| within(&self.positions[sensor], uav, self.radius_m);
         let listen_nj = if self.listen_nj > 0 && uavs.iter().any(is_near) { self.listen_nj } else { 0 };
@@ -291,7 +287,6 @@ impl Charges {
             && restored.charge_nj.iter().enumerate().all(fits)
             && totals.initial_nj == self.totals.initial_nj
             && restored.is_balanced()
-            && totals.served_nj <= totals.used_nj
             && first_death.is_some() == (dead > 0)
             && half_dead.is_some() == (2 * dead >= self.charge_nj.len())
             && [first_death, half_dead].iter().flatten().all(|death| (1..=slot).contains(death));

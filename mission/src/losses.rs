@@ -1,4 +1,5 @@
-//! What the sensor nodes (SNs) of a mission lose by weight and by expiry, and the energy that they use, which the totals of its messages do not say.
+//! What the sensor nodes (SNs) of a mission lose by weight and by expiry, and the energy that they use, which the
+//! totals of its messages do not say.
 
 use skysink_common::geometry::Position;
 use skysink_common::ledger::Ledger;
@@ -41,11 +42,6 @@ impl Losses {
             let _ = self.ledger.serve(self.slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
         }
         self.ledger.end_slot(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
-    }
-
-    /// Energy that services took so far [J].
-    pub(crate) fn served_j(&self) -> f64 {
-        self.ledger.charges().map_or(0.0, |charges| charges.totals().served_nj as f64 / 1e9)
     }
 
     /// What the batteries gave so far; `None` without batteries.

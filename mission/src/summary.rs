@@ -70,7 +70,8 @@ pub struct Summary {
     /// `η`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weighted_loss_rate: Option<f64>,
-    /// What the flight costs by `planner.objective` (decision D36); `None` where that is the loss, or what is collected.
+    /// What the flight costs by `planner.objective` (decision D36); `None` where that is the loss, or what is
+    /// collected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<f64>,
     /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
@@ -79,7 +80,8 @@ pub struct Summary {
     /// Bits lost because they were older than `sensors.expiry_s`, a part of `lost_bits`; `None` without that key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expired_bits: Option<u64>,
-    /// What the batteries of the sensor nodes gave, and which are dead (decision D33); `None` without `[sensors.energy]`.
+    /// What the batteries of the sensor nodes gave, and which are dead (decision D33); `None` without
+    /// `[sensors.energy]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node_energy: Option<NodeEnergyUse>,
     /// Services that were refused because the sensor node had no airtime left; `None` without `link.duty_cycle`.
@@ -301,8 +303,7 @@ impl Tally {
     pub fn objective(&self) -> Option<f64> {
         let objective = self.objective.as_ref()?;
         let of_ages = self.gaps.cost(objective, self.summary.slots, self.slot_s);
-        let served_j = self.losses.as_ref().map_or(0.0, Losses::served_j);
-        Some(objective.of_bits() * self.lost_bits() + of_ages + objective.energy_j * served_j)
+        Some(objective.of_bits() * self.lost_bits() + of_ages)
     }
 
     /// Adds the send times of the samples of a slot.

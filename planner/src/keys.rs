@@ -30,9 +30,9 @@ skysink_common::keys! {
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
-        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline, expiry and energy_j: weights from 0 to 1e12, not all 0");
-        /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance, `link.law_snr_db`;
-        /// `"map"` if absent.
+        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, not all 0");
+        /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance,
+        /// `link.law_snr_db`; `"map"` if absent.
         links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
         /// What plans take the link for, where that is wrong; without this table they know its law. Not with `links`.
         link: Option<AssumedLink>, Accepts::TableOf(AssumedLink::KEYS);
@@ -78,8 +78,8 @@ impl Settings {
     /// Refuses weights that are no objective, and keys that they need.
     fn check_objective(&self, scenario: &Scenario) -> Result<(), InputError> {
         let Some(weights) = self.objective.weights() else { return Ok(()) };
-        let ObjectiveWeights { loss, age, peak_age, deadline, expiry, energy_j } = weights;
-        let all = [loss, age, peak_age, deadline, expiry, energy_j];
+        let ObjectiveWeights { loss, age, peak_age, deadline, expiry } = weights;
+        let all = [loss, age, peak_age, deadline, expiry];
         let is_weight = |weight: &f64| (0.0..=MOST_WEIGHT).contains(weight);
         let refuse = |expected| Err(scenario.refusal("planner.objective", &self.objective.value(), expected));
         if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
@@ -89,7 +89,6 @@ impl Settings {
         let given = [
             (deadline, sensors.deadline_s.is_some(), "sensors.deadline_s, the limit of ages, beside it"),
             (expiry, sensors.expiry_s.is_some(), "sensors.expiry_s, the age at which bits are lost, beside it"),
-            (energy_j, sensors.energy.is_some(), "[sensors.energy], the batteries of the SNs, beside it"),
         ];
         match given.iter().find(|(weight, is_given, _)| *weight > 0.0 && !is_given) {
             Some(&(.., expected)) => refuse(expected),
@@ -160,7 +159,7 @@ pub enum LinkKnowledge {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline, expiry and energy_j"
+    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry"
 )]
 pub enum PlanningObjective {
     /// One of those with a name.
@@ -204,9 +203,6 @@ pub struct ObjectiveWeights {
     /// Of a bit that overflows or expires: as `loss`, but only where bits expire.
     #[serde(skip_serializing_if = "is_zero")]
     pub expiry: f64,
-    /// Of a joule that a sensor node takes for services, whatever its weight.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub energy_j: f64,
 }
 
 /// Whether a weight is not written.
@@ -252,7 +248,7 @@ impl PlanningObjective {
     /// What it asks for, in words.
     #[must_use]
     pub fn words(self) -> String {
-        let Some(ObjectiveWeights { loss, age, peak_age, deadline, expiry, energy_j }) = self.weights() else {
+        let Some(ObjectiveWeights { loss, age, peak_age, deadline, expiry }) = self.weights() else {
             return "the most data delivered until the end".to_owned();
         };
         let parts = [
@@ -261,7 +257,6 @@ impl PlanningObjective {
             (peak_age, "peak age of service"),
             (deadline, "slots beyond the deadline"),
             (expiry, "data lost or expired"),
-            (energy_j, "energy of services"),
         ];
         let parts = parts.iter().filter(|(weight, _)| *weight > 0.0);
         let weighted: Vec<String> = parts.map(|(weight, words)| format!("{weight} × {words}")).collect();
@@ -271,7 +266,7 @@ impl PlanningObjective {
     /// Whether the least data is to be lost, and nothing else counts.
     #[must_use]
     pub fn is_loss(self) -> bool {
-        let others = |weights: ObjectiveWeights| weights.age + weights.peak_age + weights.deadline + weights.energy_j;
+        let others = |weights: ObjectiveWeights| weights.age + weights.peak_age + weights.deadline;
         self.weights().is_some_and(|weights| others(weights) == 0.0)
     }
 

@@ -15,12 +15,6 @@ use skysink_mission::sensor_results::SensorTally;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
-use skysink_planner::gap_costs::GapCosts;
-use skysink_planner::mission_table::MissionTable;
-use skysink_planner::plan::gaps::Gaps;
-use skysink_planner::plan::model::PlanModel;
-use skysink_planner::plan::objective::Objective;
-use skysink_planner::settings::Settings;
 use skysink_planner::strategies::STRATEGIES;
 use std::collections::HashSet;
 use std::time::Duration;
@@ -246,62 +240,4 @@ fn a_visit_to_a_dead_sensor_node_is_no_service() {
     assert_eq!(singly.results(&plant, 1.0).next().unwrap().served_slots, 2);
     assert_eq!(tally.gaps().sums(5).ages, (1 + 2 + 3) as f64);
     assert_eq!(tally.summary(Duration::ZERO, 0).mean_served, 2.0 / 5.0);
-}
-
-#[test]
-fn a_weight_on_energy_lowers_what_services_take_and_costs_least_by_its_own_plan() {
-    let flown = |objective: &str, priced: &str| {
-        let text = |objective: &str| {
-            format!(
-                "name = 'energy'\nseed = 7\nslots = 150\narea.side_m = 120.0\nsensors.count = 14\n\
-                 sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 400\n\
-                 sensors.energy = {{ capacity_j = 1e6, wake_j = 1.0, tx_w = 2000.0 }}\nplanner.objective = {objective}\n"
-            )
-        };
-        let scenario = scenario_of(&text(objective), "horizon");
-        let list = sensors(&scenario);
-        let mut tally = Tally::new(&scenario_of(&text(priced), "horizon"), &list, &RunMode::default());
-        let mut mission = Mission::new(&scenario, &list).unwrap();
-        mission.drive(&mut [&mut tally], &Stop::default()).unwrap();
-        let summary = tally.summary(Duration::ZERO, 0);
-        (summary.node_energy.unwrap().used_j, summary.objective.unwrap(), summary.totals.lost_bits)
-    };
-    let weighed = "{ loss = 1.0, energy_j = 200.0 }";
-    let [loss, both] = ["'loss'", weighed].map(|objective| flown(objective, weighed));
-    assert!(both.0 < 0.8 * loss.0, "{both:?} against {loss:?}");
-    assert!(both.1 < loss.1, "{both:?} against {loss:?}");
-    for (used_j, cost, lost_bits) in [loss, both] {
-        assert!((cost - (lost_bits as f64 + 200.0 * used_j)).abs() <= 1e-6 * cost, "by hand");
-    }
-}
-
-#[test]
-fn a_plan_reckons_with_the_energy_that_a_service_takes() {
-    // 100 bit a slot into 1 000 bit, so C = 10 slots: 0.25 J and 2 kW for min(g, 10) · 100 bit at the link's rate.
-    let text = "name = 'x'\nslots = 30\narea.side_m = 20.0\nsensors.file = 's.csv'\nsensors.capacity_bits = 1000\n\
-                sensors.energy = { capacity_j = 1e6, wake_j = 0.25, tx_w = 2000.0 }\n\
-                planner.objective = { loss = 1.0, age = 2.0, energy_j = 50.0 }\n";
-    let scenario = scenario_of(text, "horizon");
-    let csv = "x_m,y_m,queue_bits,sampling_bps,gain_db\n10,10,0,100,-50\n";
-    let list = SensorList::parse(csv, "s.csv".as_ref(), &scenario).unwrap();
-    let weights = Settings::of(&scenario).unwrap().objective.weights().unwrap();
-    let free = GapCosts::new(&weights, 1.0, None);
-    let table = MissionTable::of(&scenario, &list.nodes());
-    let mut plan = Plan::fly_to([10.0, 10.0, scenario.uav.altitude_m], Mode::Serve);
-    plan.schedule(&[0]);
-    for gap in [1u32, 4, 10, 25] {
-        let mut plant = Plant::new(&scenario, &list);
-        (1..gap).for_each(|_| _ = plant.step(&[None]));
-        plant.step(&[Some(plan)]);
-        let link = *uploads(plant.flights()).next().unwrap();
-        let served_j = plant.field().charges().unwrap().totals().served_nj as f64 / 1e9;
-        assert!((served_j - 0.25 - 2e3 * f64::from(gap.min(10) * 100) / link.rate_bps).abs() < 1e-8, "by hand");
-        let [with_j, without_j] = [free.with_energy(&weights, &scenario), free].map(|costs| {
-            let model = PlanModel::new::<Gaps>(&scenario, &table, &costs, false, &Stop::default());
-            let sensor = &model.sensors[0];
-            let capacity = Gaps::capacity(sensor, link.capacity_bits as f64);
-            Gaps::visit(sensor, Gaps::begin(sensor, 0.0, 0.0), gap.into(), capacity).0 * Gaps::price(sensor)
-        });
-        assert!((with_j - without_j - 50.0 * served_j).abs() < 1e-4 * served_j, "{gap}: {with_j} {without_j}");
-    }
 }

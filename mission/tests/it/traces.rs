@@ -36,8 +36,8 @@ const OBJECTIVES: [Strategy; 8] = [
     ("offline, peak age", "offline", "objective = 'peak-age'\n"),
     ("horizon, deadline", "horizon", "objective = 'deadline'\n"),
     ("offline, deadline", "offline", "objective = 'deadline'\n"),
-    ("horizon, sum", "horizon", "objective = { loss = 1.0, age = 0.2, energy_j = 500.0 }\n"),
-    ("offline, sum", "offline", "objective = { loss = 1.0, age = 0.2, energy_j = 500.0 }\n"),
+    ("horizon, sum", "horizon", "objective = { loss = 1.0, age = 0.2 }\n"),
+    ("offline, sum", "offline", "objective = { loss = 1.0, age = 0.2 }\n"),
 ];
 
 /// No-fly zones: a wall, and a hook.
@@ -152,7 +152,8 @@ fn line(strategy: Strategy, model: Model, coordination: &str) -> String {
     )
 }
 
-/// The other strategies, the objectives, links that carry little, and a fleet that lands in one base, over few models each.
+/// The other strategies, the objectives, links that carry little, and a fleet that lands in one base, over few models
+/// each.
 fn further() -> impl Iterator<Item = (Strategy, Model, &'static str)> {
     const ENERGY: Model = ("node energy, deadline", &[NODE_ENERGY, "sensors.deadline_s = 20.0\n"], "");
     const NARROW: Model = ("narrow link", &["link.bandwidth_hz = 2e3\nlink.resource_blocks = 2\n"], "");

@@ -1,4 +1,5 @@
-//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the cost they add.
+//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the cost they
+//! add.
 
 use rand_chacha::ChaCha8Rng;
 use skysink_common::random::fraction;
@@ -24,8 +25,8 @@ const CHECK_STEPS: u64 = 8;
 pub enum Cooling {
     /// The same for all changes.
     Everywhere(f64),
-    /// That of a change at least 60 slots ahead, for a plan whose first slot is flown next: lower for changes in the next
-    /// slots.
+    /// That of a change at least 60 slots ahead, for a plan whose first slot is flown next: lower for changes in the
+    /// next slots.
     FarAhead(f64),
     /// Falling from the first step to the last.
     Geometric {

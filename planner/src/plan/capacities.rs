@@ -31,8 +31,8 @@ pub(super) fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
     Cow::Owned(within)
 }
 
-/// Expected bits of a visit with a full buffer, over `d²`, in sight and not, from the altitude from which most is taken of
-/// [`nearest_by_entry`]; of equals the lowest.
+/// Expected bits of a visit with a full buffer, over `d²`, in sight and not, from the altitude from which most is taken
+/// of [`nearest_by_entry`]; of equals the lowest.
 ///
 /// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
 pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [[f64; TABLE + 1]; 2] {

@@ -41,8 +41,8 @@ const FIRST_TEMPERATURE: f64 = 0.05;
 const ADVANCE_SLOTS: u64 = 500;
 const LEFT: u32 = 4;
 
-/// Most steps of the long search: some seconds, counted and not timed. Fewer where a step takes longer: by the factor of a
-/// battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
+/// Most steps of the long search: some seconds, counted and not timed. Fewer where a step takes longer: by the factor
+/// of a battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
 const MOST_ADVANCED: u64 = 600_000;
 const BATTERY_EFFORT: u64 = 10;
 const ZONES_EFFORT: u64 = 3;
@@ -118,9 +118,7 @@ impl<O: Objective> CarriedPlan<O> {
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
         let costs = match setup.settings.objective.weights() {
-            Some(weights) if O::COUNTS_AGES => {
-                GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
-            }
+            Some(weights) if O::COUNTS_AGES => GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()),
             _ => GapCosts::LOSS,
         };
         let model = if belief.has_learnt_rates() {
@@ -154,8 +152,8 @@ impl<O: Objective> CarriedPlan<O> {
         }
     }
 
-    /// Updates the model with what is known at the beginning of the slot: SNs that are out, learnt rates, and the uncertainty of the
-    /// queues.
+    /// Updates the model with what is known at the beginning of the slot: SNs that are out, learnt rates, and the
+    /// uncertainty of the queues.
     pub(super) fn update_sensors(&mut self, view: &View) {
         let belief = view.belief.belief;
         if view.table.sensors.may_refuse {
@@ -197,8 +195,8 @@ impl<O: Objective> CarriedPlan<O> {
         }
     }
 
-    /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose data.
-    /// Where plans hover there is none before [`Self::begin_at_points`].
+    /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose
+    /// data. Where plans hover there is none before [`Self::begin_at_points`].
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast<O>> {
         self.update_sensors(view);
@@ -250,7 +248,8 @@ impl<O: Objective> CarriedPlan<O> {
         if O::HOVERS { self.state.has_begun } else { !self.stops.is_empty() }
     }
 
-    /// Loads a first plan that hovers: see [`start::begin_at_points`]. `offered` are points, each with a sensor by its id.
+    /// Loads a first plan that hovers: see [`start::begin_at_points`]. `offered` are points, each with a sensor by its
+    /// id.
     pub fn begin_at_points(
         &mut self,
         view: &View,
@@ -296,8 +295,8 @@ impl<O: Objective> CarriedPlan<O> {
         self.improve(view.slot, if view.slot < self.state.advanced { left } else { steps }, forecast, is_over);
     }
 
-    /// Carries the part of the plan of `forecast` after the slot of `view`, whose waypoint is `waypoint` [m]; where plans
-    /// hover all stops that are left.
+    /// Carries the part of the plan of `forecast` after the slot of `view`, whose waypoint is `waypoint` [m]; where
+    /// plans hover all stops that are left.
     pub fn carry(&mut self, forecast: &Forecast<O>, waypoint: &Position) {
         let legs = &forecast.trace.legs;
         self.stops.clear();

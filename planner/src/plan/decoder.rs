@@ -376,8 +376,7 @@ impl Decoder {
             let range_m = model.table.limits.comm_radius_m * (1.0 + RANGE_SLACK);
             model.table.sensors.grid.visit(at, range_m, |node, d2_m2| found.push(linked(node.id, d2_m2)));
         }
-        let is_choosy = O::COUNTS_AGES && model.has_visit_costs();
-        if found.len() > blocks || is_choosy {
+        if found.len() > blocks {
             for candidate in found.iter_mut() {
                 let sensor = candidate.sensor as usize;
                 let level = model.level_at::<O>(sensor, f64::from(slot), buffers.level(sensor));
@@ -393,11 +392,6 @@ impl Decoder {
                     );
                 }
             }
-        }
-        if is_choosy {
-            found.retain(|candidate| candidate.saved > 0.0);
-        }
-        if found.len() > blocks {
             found.select_nth_unstable_by(blocks - 1, Candidate::order);
             found.truncate(blocks);
         }

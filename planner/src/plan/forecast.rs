@@ -13,9 +13,9 @@
 //! repeated            f g h i j k l    the legs of the plan, shifted in time
 //! ```
 //!
-//! Of the sensors those count that the plan or the change visits in the flown part, and those of the repeated part if it
-//! is shifted: see [`Timelines`]. Where plans hover, legs depend on the buffers: all that follows a change is flown, from
-//! the last of the stored [`States`] before it on.
+//! Of the sensors those count that the plan or the change visits in the flown part, and those of the repeated part if
+//! it is shifted: see [`Timelines`]. Where plans hover, legs depend on the buffers: all that follows a change is flown,
+//! from the last of the stored [`States`] before it on.
 
 use skysink_common::geometry::Position;
 
@@ -214,7 +214,7 @@ impl<O: Objective> Forecast<O> {
         next: Option<(PlannedStop, u32)>,
         follows: bool,
     ) -> bool {
-        if O::HOVERS || old == FRESH || O::COUNTS_AGES && model.has_visit_costs() {
+        if O::HOVERS || old == FRESH {
             return false;
         }
         let index = old as usize;
@@ -320,8 +320,8 @@ impl<O: Objective> Forecast<O> {
         Some(cost)
     }
 
-    /// Whether there is nothing to do at `stop`: the last slot serves its members, or, where plans hover, its sensor was
-    /// served in passing, and the UAV is not on its way there.
+    /// Whether there is nothing to do at `stop`: the last slot serves its members, or, where plans hover, its sensor
+    /// was served in passing, and the UAV is not on its way there.
     fn is_idle(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
         if !O::HOVERS {
             return self.is_met(model, change, stop);

@@ -18,12 +18,6 @@ pub struct GapLevel {
 }
 
 impl Gaps {
-    /// What is stored at the end of `slot` [slots of sampling].
-    #[inline]
-    fn stored(sensor: &SensorModel, level: GapLevel, slot: f64) -> f64 {
-        (slot - level.empty).min(sensor.fill_slots)
-    }
-
     /// What a gap of `gap` slots costs that ends with so much overflow.
     #[inline]
     fn cost(sensor: &SensorModel, overflow_slots: f64, gap: f64) -> f64 {
@@ -55,8 +49,7 @@ impl Objective for Gaps {
     #[inline]
     fn visit(sensor: &SensorModel, level: GapLevel, slot: f64, capacity: f64) -> (f64, GapLevel) {
         let (overflow_slots, empty) = Loss::visit(sensor, level.empty, slot, capacity);
-        let energy = sensor.costs.of_visit(Self::stored(sensor, level, slot), capacity);
-        (Self::cost(sensor, overflow_slots, slot - level.last) + energy, GapLevel { empty, last: slot })
+        (Self::cost(sensor, overflow_slots, slot - level.last), GapLevel { empty, last: slot })
     }
 
     fn visit_bits(sensor: &SensorModel, units: f64, capacity: f64) -> f64 {
@@ -77,15 +70,14 @@ impl Objective for Gaps {
         (if loss > 0.0 { loss * bits } else { 0.0 }) + sensor.costs.of_ages(gap + more) - sensor.costs.of_ages(gap)
     }
 
-    /// For ages and energy the difference, after a round without another visit, between a gap with and without the visit.
+    /// For ages the difference, after a round without another visit, between a gap with and without the visit.
     #[inline]
     fn saving(sensor: &SensorModel, level: GapLevel, slot: f64, capacity: f64, round_slots: f64) -> (f64, f64) {
         let GapCosts { loss, .. } = sensor.costs;
         let (bits, left) = Loss::saving(sensor, level.empty, slot, capacity, round_slots);
         let gap = slot - level.last;
         let of = |gap: f64| sensor.costs.of_ages(gap);
-        let energy = sensor.costs.of_visit(Self::stored(sensor, level, slot), capacity);
-        let ages = (of(gap + round_slots) - of(gap) - of(round_slots) - energy) * sensor.weight;
+        let ages = (of(gap + round_slots) - of(gap) - of(round_slots)) * sensor.weight;
         if loss > 0.0 { (loss * bits + ages, left) } else { (ages, 0.0) }
     }
 
@@ -131,8 +123,7 @@ mod tests {
     #[test]
     fn a_visit_saves_what_a_gap_costs_more_than_its_two_parts() {
         let mut sensor = model_of(&[([200.0, 200.0], 500.0)], 1, 5e6).sensors[0];
-        let weights =
-            ObjectiveWeights { loss: 0.0, age: 2.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
+        let weights = ObjectiveWeights { loss: 0.0, age: 2.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0 };
         sensor.costs = GapCosts::new(&weights, 1.0, None);
         sensor.weight = 3.0;
         let level = GapLevel { empty: 2.0, last: 2.0 };

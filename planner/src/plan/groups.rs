@@ -58,8 +58,8 @@ impl PlannedStop {
 /// Sensors that are served together from any point of a disk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceDisk {
-    /// The points from which the links of all members carry most. About their smallest enclosing circle of radius R, its
-    /// radius is the least range of theirs less R [m].
+    /// The points from which the links of all members carry most. About their smallest enclosing circle of radius R,
+    /// its radius is the least range of theirs less R [m].
     pub disk: Disk,
     /// The sensors by their numbers in the model, at most n.
     pub members: Vec<u32>,

@@ -36,8 +36,8 @@ const LITTLE: f64 = 0.05;
 /// Sensors from which on a search takes all its steps.
 const MANY_SENSORS: u64 = 16;
 
-/// The steps in a row without a better plan after which a search of `steps` ends: by the square of the sensors, as there
-/// are changes of a plan.
+/// The steps in a row without a better plan after which a search of `steps` ends: by the square of the sensors, as
+/// there are changes of a plan.
 fn patience(steps: u64, sensors: usize) -> u64 {
     match sensors as u64 {
         MANY_SENSORS.. => u64::MAX,
@@ -90,9 +90,9 @@ impl<O: Objective> CarriedPlan<O> {
         }
     }
 
-    /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, higher if it `is_first`, and
-    /// loads the best plan found. In a field of few sensors a later one ends once it finds no better plan. The next search
-    /// takes fewer steps if this one was in vain: it found no better plan, and little is left.
+    /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, higher if it `is_first`,
+    /// and loads the best plan found. In a field of few sensors a later one ends once it finds no better plan. The next
+    /// search takes fewer steps if this one was in vain: it found no better plan, and little is left.
     pub(super) fn improve_points(
         &mut self,
         slot: u64,

@@ -20,14 +20,15 @@ const ROUNDS: u64 = 400;
 /// Those in which the temperature falls; the rest polish the best plan.
 const FALLING: u64 = 360;
 
-/// Temperatures between which it falls, as fractions of the mean cost per stop beyond the bound; the last is that of the
-/// polish.
+/// Temperatures between which it falls, as fractions of the mean cost per stop beyond the bound; the last is that of
+/// the polish.
 const TEMPERATURES: [f64; 2] = [0.2, 0.01];
 
 /// Temperature of the first search in a slot after this one.
 const LATER_TEMPERATURE: f64 = 0.02;
 
-/// Most steps of a search. What is more is spent on others from the same plan: they find better ones than a longer search.
+/// Most steps of a search. What is more is spent on others from the same plan: they find better ones than a longer
+/// search.
 const MOST_STEPS: u64 = 5_000_000;
 
 /// Most steps between two calls of `watch`: some milliseconds.

@@ -135,12 +135,6 @@ impl PlanModel {
         model
     }
 
-    /// Whether visits cost energy, so that not all that are possible are worth it.
-    #[inline]
-    pub(crate) fn has_visit_costs(&self) -> bool {
-        self.sensors.first().is_some_and(|sensor| sensor.costs.has_visit_costs())
-    }
-
     /// Whether no sensor of a disk can be served.
     pub(super) fn is_out(&self, disk: u32) -> bool {
         self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].weight == 0.0)
@@ -157,9 +151,8 @@ impl PlanModel {
         let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
         let weight = self.table.sensors.weights.factor(index as usize);
         let is_emptied = costs.is_by_visits()
-            || !costs.has_visit_costs()
-                && self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
-                    >= f64::from(sampler.capacity_bits);
+            || self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
+                >= f64::from(sampler.capacity_bits);
         self.sensors.push(SensorModel {
             fill_slots: sampler.lossless_slots(),
             mean_bits: sampler.mean_bits,
@@ -175,7 +168,7 @@ impl PlanModel {
             noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.lossless_slots()),
             noise_before_slots2: 0.0,
             best_bits: if is_emptied { f64::INFINITY } else { self.capacity_bits(index, 0.0, true) },
-            costs: costs.weighted(weight),
+            costs: *costs,
         });
     }
 
@@ -193,8 +186,8 @@ impl PlanModel {
         self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII)
     }
 
-    /// The disk of a single sensor: its radius is the farthest at which the link carries most, and up to which no building
-    /// hides the sensor. By a map the disk is about the place in range from which the link carries most.
+    /// The disk of a single sensor: its radius is the farthest at which the link carries most, and up to which no
+    /// building hides the sensor. By a map the disk is about the place in range from which the link carries most.
     fn near<O: Objective>(&self, sensor: u32) -> Disk {
         let position = *self.table.sensors.position(sensor);
         let most_m = self.carries_most_m::<O>(sensor);
@@ -227,9 +220,9 @@ impl PlanModel {
         Disk { centre, radius_m: near.map_or(0.0, |step| self.near_radius_m(step)) }
     }
 
-    /// Whether a cycle of full groups may lose least: most visits empty the buffer, or carry as much from anywhere in range,
-    /// and loss is hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes most of
-    /// the time in which a buffer fills. Otherwise groups would only take time.
+    /// Whether a cycle of full groups may lose least: most visits empty the buffer, or carry as much from anywhere in
+    /// range, and loss is hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
+    /// most of the time in which a buffer fills. Otherwise groups would only take time.
     fn is_scarce<O: Objective>(&self) -> bool {
         let is_filled = |index: &u32| {
             let sensor = &self.sensors[*index as usize];
@@ -284,7 +277,8 @@ impl PlanModel {
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
     }
 
-    /// What the visits of other UAVs to `sensor` cost up to the end of `slot`, after `level`, and the buffer after them.
+    /// What the visits of other UAVs to `sensor` cost up to the end of `slot`, after `level`, and the buffer after
+    /// them.
     #[inline]
     pub fn until<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> (f64, O::Level) {
         if self.others.is_empty() {

@@ -1,5 +1,5 @@
-//! What a plan costs: the sum over sensors of what each gap between two visits costs; the end of the window ends the last
-//! gap.
+//! What a plan costs: the sum over sensors of what each gap between two visits costs; the end of the window ends the
+//! last gap.
 
 use std::fmt::Debug;
 
@@ -17,8 +17,8 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     /// The state of a buffer.
     type Level: Debug + Clone + Copy + PartialEq;
 
-    /// Whether plans stop at points, hover there until nothing is left, and end at home: then legs depend on the buffers.
-    /// Otherwise they stop anywhere in a disk, for a slot, and end with the last stop.
+    /// Whether plans stop at points, hover there until nothing is left, and end at home: then legs depend on the
+    /// buffers. Otherwise they stop anywhere in a disk, for a slot, and end with the last stop.
     const HOVERS: bool = false;
 
     /// Whether ages of service count: then all sensors do, also those that sample nothing.
@@ -54,8 +54,8 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
         0.0
     }
 
-    /// By how much a visit at the end of `slot` costs more for each slot later, if that is the same for all visits up to
-    /// `within` slots earlier or later, and the buffers after them, too, each at its time; `None` if it may not be.
+    /// By how much a visit at the end of `slot` costs more for each slot later, if that is the same for all visits up
+    /// to `within` slots earlier or later, and the buffers after them, too, each at its time; `None` if it may not be.
     fn slope(sensor: &SensorModel, level: Self::Level, slot: f64, capacity: f64, within: f64) -> Option<f64> {
         let _ = (sensor, level, slot, capacity, within);
         None
@@ -85,8 +85,8 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
         0.0
     }
 
-    /// Lower bound on the cost of every plan of one UAV over such a window, with so many resource blocks; of `Collect` the
-    /// cost of a plan that delivers all data at the last moment, which ends a search.
+    /// Lower bound on the cost of every plan of one UAV over such a window, with so many resource blocks; of `Collect`
+    /// the cost of a plan that delivers all data at the last moment, which ends a search.
     fn least(sensors: &[SensorModel], levels: &[Self::Level], slots: i32, blocks: usize) -> f64;
 }
 
@@ -108,8 +108,8 @@ pub fn late_slots(left: f64, until: f64) -> f64 {
     late * late / (2.0 * until)
 }
 
-/// The bits that overflow, weighted [bit]. A level is `e_i`, the slot in which the buffer would have been empty: a queue
-/// is `s_i τ (t − e_i)` after slot t if it did not overflow. Units are slots of sampling.
+/// The bits that overflow, weighted [bit]. A level is `e_i`, the slot in which the buffer would have been empty: a
+/// queue is `s_i τ (t − e_i)` after slot t if it did not overflow. Units are slots of sampling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Loss;
 

@@ -27,8 +27,8 @@ pub struct Operator {
     pub name: &'static str,
     /// How often it is drawn, of 100.
     weight: usize,
-    /// Proposes a change at a leg: fills the stops of the draft, and returns the legs that they replace. `None` where it
-    /// finds none.
+    /// Proposes a change at a leg: fills the stops of the draft, and returns the legs that they replace. `None` where
+    /// it finds none.
     propose: fn(&mut Draft<'_>, usize) -> Option<Range<usize>>,
 }
 

@@ -61,8 +61,8 @@ pub fn planned_slot<O: Objective>(
     Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
 }
 
-/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where plans
-/// hover with the way home.
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where
+/// plans hover with the way home.
 #[must_use]
 pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
     let airspace = &model.table.airspace;

@@ -94,9 +94,9 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
     forecast.settle();
 }
 
-/// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most, the round
-/// of `turns`, or the stops `offered`, whichever delivers most. Where sensors sample, the first two are rounds that are
-/// flown again and again.
+/// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most, the
+/// round of `turns`, or the stops `offered`, whichever delivers most. Where sensors sample, the first two are rounds
+/// that are flown again and again.
 pub fn begin_at_points<O: Objective>(
     model: &mut PlanModel,
     forecast: &mut Forecast<O>,

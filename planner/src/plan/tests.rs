@@ -237,18 +237,14 @@ proptest! {
     fn an_attempted_change_of_a_sum_of_costs_costs_as_much_as_the_changed_plan(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..60),
         weights in prop::sample::select(vec![[0.0, 1.0, 0.0, 0.0], [1.0, 40.0, 0.0, 900.0], [0.0, 0.0, 1e-6, 0.0]]),
-        energy_j in prop::sample::select(vec![0.0, 3.0, 400.0]),
         changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), any::<bool>()), 1..12),
     ) {
         let [loss, age, peak_age, deadline] = weights;
-        let weights = ObjectiveWeights { loss, age, peak_age, deadline, expiry: 0.0, energy_j };
-        let text = "name = 'x'\nsensors.energy = { capacity_j = 1.0, wake_j = 0.5, tx_w = 20.0 }\n";
-        let scenario = Scenario::parse(text, "x.toml".as_ref(), Overrides::default()).unwrap();
-        let costs = GapCosts::new(&weights, 1.0, Some(20)).with_energy(&weights, &scenario);
+        let weights = ObjectiveWeights { loss, age, peak_age, deadline, expiry: 0.0 };
+        let costs = GapCosts::new(&weights, 1.0, Some(20));
         let mut model = model;
         for sensor in &mut model.sensors {
             sensor.costs = costs;
-            sensor.is_emptied &= energy_j == 0.0;
         }
         let queues_bits = vec![10_000; model.sensors.len()];
         let planning = PlanningWindow::<Gaps>::new(&model, [200.0, 200.0].into(), &queues_bits, f64::from, 3_000, 0);
@@ -617,8 +613,8 @@ proptest! {
     }
 }
 
-/// SNs at `positions_m` [m] that hold 30 kbit at most and sample `sampling_bps` [bit/s], over a link that takes slots to
-/// empty them; `keys` are those of the UAV.
+/// SNs at `positions_m` [m] that hold 30 kbit at most and sample `sampling_bps` [bit/s], over a link that takes slots
+/// to empty them; `keys` are those of the UAV.
 pub(crate) fn points_model(positions_m: &[[f64; 2]], sampling_bps: f64, keys: &str) -> PlanModel {
     let text = format!(
         "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = 2000.0\nresource_blocks = 2\n[uav]\n{keys}"

@@ -1,5 +1,5 @@
-//! The visits of a plan by sensor, and what their gaps cost. A change costs more or less for the sensors that it touches
-//! alone, so a step of a search takes as long as what it changes.
+//! The visits of a plan by sensor, and what their gaps cost. A change costs more or less for the sensors that it
+//! touches alone, so a step of a search takes as long as what it changes.
 
 use std::ops::Range;
 
@@ -24,8 +24,8 @@ struct Served<L> {
     nth: u32,
     /// What the gap costs more for each slot that the visit is later, within [`NEAR`]; `None` if that is not linear.
     slope: Option<f64>,
-    /// That slope less the one of the next gap of the sensor; 0 for one that is not linear. Summed over all visits from one on
-    /// it is the slope of each sensor's first gap less that of its last.
+    /// That slope less the one of the next gap of the sensor; 0 for one that is not linear. Summed over all visits from
+    /// one on it is the slope of each sensor's first gap less that of its last.
     slope_difference: f64,
     /// Whether it is not, here or at the end.
     is_bent: bool,
@@ -64,7 +64,8 @@ pub struct Timelines<O: Objective> {
     plan: Vec<Served<O::Level>>,
     /// By sensor.
     timelines: Vec<Timeline<O::Level>>,
-    /// By visit: what the plan costs more for each slot that this one and all later ones are later, as far as it is linear.
+    /// By visit: what the plan costs more for each slot that this one and all later ones are later, as far as it is
+    /// linear.
     slopes: Vec<f64>,
     /// The visits at which it is not.
     bent: Vec<u32>,
@@ -421,7 +422,8 @@ impl<O: Objective> Timelines<O> {
         (timeline.end, timeline.end_slope) = (end, end_slope);
     }
 
-    /// Adds up the slopes of the plan again, where they differ after a change before `rest`, which now begins at `new_from`.
+    /// Adds up the slopes of the plan again, where they differ after a change before `rest`, which now begins at
+    /// `new_from`.
     fn sum_slopes(&mut self, Rest { from, until, .. }: Rest, new_from: usize) {
         let Range { start, mut end } = self.changed;
         if until + 1 < self.slopes.len() {

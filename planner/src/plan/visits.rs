@@ -33,8 +33,8 @@ pub struct VisitPlan {
     pub bound: f64,
 }
 
-/// The plan of least cost that `steps` steps find for the mission of `setup`, with the queues `queues_bits` [bit], by id,
-/// before slot 1; `None` if nothing can be lost, or the setup's stop ends the search.
+/// The plan of least cost that `steps` steps find for the mission of `setup`, with the queues `queues_bits` [bit], by
+/// id, before slot 1; `None` if nothing can be lost, or the setup's stop ends the search.
 ///
 /// # Panics
 /// If the most data is to be collected: such plans hover.

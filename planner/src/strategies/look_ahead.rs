@@ -1,6 +1,6 @@
 //! `horizon`: receding-horizon planning. Each slot it improves a plan for the rest of the mission and flies the first
-//! slot of the plan. `offline`: open-loop planning. One search before take-off plans the whole mission; the plan is flown
-//! without changes.
+//! slot of the plan. `offline`: open-loop planning. One search before take-off plans the whole mission; the plan is
+//! flown without changes.
 //!
 //! The search, by simulated annealing against a forecast of the objective, is left to [`crate::plan`].
 
@@ -57,8 +57,8 @@ skysink_common::keys! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct OfflineKeys {
-        /// Search steps before slot 1; a million take some ten seconds for 200 SNs. Those beyond five million are spent on
-        /// further searches from the same first plan; the best plan is flown.
+        /// Search steps before slot 1; a million take some ten seconds for 200 SNs. Those beyond five million are spent
+        /// on further searches from the same first plan; the best plan is flown.
         steps: u64 = 1000000, Accepts::Whole(0, MAX_STEPS);
     }
 }
@@ -160,9 +160,7 @@ impl<O: Objective> LookAhead<O> {
         let next = planned_slot(&self.ahead.model, forecast, 1, &view.ground());
         let path = planned_path(&self.ahead.model, forecast);
         self.ahead.carry(forecast, &next.as_ref().map_or(view.ground(), |next| next.waypoint));
-        let is_choosy = O::COUNTS_AGES && self.ahead.model.has_visit_costs();
         let decision = match next {
-            None if is_choosy => Decision::stay(view),
             None if !O::HOVERS => return None,
             None => self.return_home(view),
             Some(next) if next.is_charging => return Some(Decision::stay(view)),
@@ -176,11 +174,7 @@ impl<O: Objective> LookAhead<O> {
             Some(next) => {
                 let (waypoint, outcome) = between_stops(&mut self.serving, view, &next);
                 let decision = self.serving.serve_first(view, &waypoint, |id| next.ids.contains(&id));
-                let mut decision = Decision { outcome, ..decision };
-                if is_choosy {
-                    decision.schedule.retain(|id| next.ids.contains(id));
-                }
-                decision
+                Decision { outcome, ..decision }
             }
         };
         self.path.extend(path.iter().map(|point| above(point, decision.waypoint.z)));
@@ -295,8 +289,8 @@ pub fn search_offline(
     Some((strategy, found))
 }
 
-/// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member of
-/// a group.
+/// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member
+/// of a group.
 fn of_least_loss(
     mut loss: CarriedPlan<Loss>,
     view: &View,
