@@ -64,8 +64,8 @@ pub fn print(role: Role, message: Error) -> u8 {
     }
 }
 
-/// What is wrong with the arguments, in one line with the usage. They are quoted like other input: they may be long, and
-/// hold control characters.
+/// What is wrong with the arguments, in one line with the usage. They are quoted like other input: they may be long,
+/// and hold control characters.
 fn refusal(mut message: Error) -> String {
     let quote = |text: &String| one_line(text, MAX_QUOTED);
     let quotes = message.context().filter_map(|(kind, value)| match value {

@@ -60,8 +60,8 @@ pub fn run<A: Args>(
     exit_code(role, result, &stop)
 }
 
-/// Runs the strategies that `make` makes, one for each UAV, as the planner of a ring. `skysink run --planner` starts such
-/// an executable; for `skysink run --external planner`, start it with `--scenario` and `--ring`.
+/// Runs the strategies that `make` makes, one for each UAV, as the planner of a ring. `skysink run --planner` starts
+/// such an executable; for `skysink run --external planner`, start it with `--scenario` and `--ring`.
 #[must_use]
 pub fn plan_by(mut make: impl FnMut(&Setup<'_>) -> Box<dyn Strategy>) -> ExitCode {
     let node = |scenario: &_, folder: &_, stop: &_, NoArguments {}: &_| {

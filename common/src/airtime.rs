@@ -76,8 +76,8 @@ impl Airtime {
         (left_ns as f64 / 1e9 * rate_bps) as u64 // saturates
     }
 
-    /// SN `sensor` sends `bits` [bit] in `slot`, the next, at `rate_bps` [bit/s]. If these are all that it may send, it has
-    /// used up its airtime; over a link without a rate it sends nothing.
+    /// SN `sensor` sends `bits` [bit] in `slot`, the next, at `rate_bps` [bit/s]. If these are all that it may send, it
+    /// has used up its airtime; over a link without a rate it sends nothing.
     pub(crate) fn send(&mut self, slot: u64, sensor: usize, bits: u64, rate_bps: f64) {
         let left_ns = self.granted_ns.saturating_sub(self.used_ns[sensor]);
         let is_all = rate_bps > 0.0 && bits == self.most_bits(sensor, rate_bps);

@@ -86,7 +86,8 @@ impl Battery {
         self.leg_j(self.slot_s, distance_m, 0.0)
     }
 
-    /// Energy [J] of a flight of `duration_s` [s] over the horizontal distance `distance_m` with the climb `climb_m` [m].
+    /// Energy [J] of a flight of `duration_s` [s] over the horizontal distance `distance_m` with the climb `climb_m`
+    /// [m].
     pub fn leg_j(&self, duration_s: f64, distance_m: f64, climb_m: f64) -> f64 {
         let speed_mps = if duration_s > 0.0 { distance_m / duration_s } else { 0.0 };
         duration_s * power_w(&self.aircraft, speed_mps) + self.climb_j(climb_m)
@@ -130,8 +131,8 @@ impl Battery {
     }
 }
 
-/// Energy [J] of flying `step` [m] in a slot of `slot_s` [s]: what the battery gives; without one, the propulsion power at
-/// the speed along the step, which is then all that is known of a climb.
+/// Energy [J] of flying `step` [m] in a slot of `slot_s` [s]: what the battery gives; without one, the propulsion power
+/// at the speed along the step, which is then all that is known of a climb.
 #[must_use]
 pub fn flight_j(battery: Option<&Battery>, aircraft: &Propulsion, slot_s: f64, step: &Vector3<f64>) -> f64 {
     match battery {

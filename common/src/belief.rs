@@ -71,8 +71,8 @@ impl Belief {
         }
     }
 
-    /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues are
-    /// known, or otherwise a contact.
+    /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues
+    /// are known, or otherwise a contact.
     pub fn is_dead(&self, told_bits: u32, id: u32) -> bool {
         self.estimate().map_or(told_bits == DEAD, |estimate| estimate.is_dead(id))
     }

@@ -42,8 +42,8 @@ pub struct Totals {
 }
 
 impl Totals {
-    /// The loss rate `η` of these bits (decisions D3 and D24), with the initial queues among those that were sampled if it
-    /// `counts_initial`; 0 of nothing.
+    /// The loss rate `η` of these bits (decisions D3 and D24), with the initial queues among those that were sampled if
+    /// it `counts_initial`; 0 of nothing.
     pub fn loss_rate(&self, counts_initial: bool) -> f64 {
         match self.sampled_bits + if counts_initial { self.initial_bits } else { 0 } {
             0 => 0.0,
@@ -193,7 +193,8 @@ impl Ledger {
         self.queues.bits()
     }
 
-    /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs, and [`SILENT`] more of those without airtime.
+    /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs, and [`SILENT`] more of those without
+    /// airtime.
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         let queues_bits = self.queues_bits();
         if !self.may_refuse() {
@@ -371,9 +372,9 @@ impl Ledger {
         taken_bits
     }
 
-    /// Ends `slot` after its services, with `uavs` that wake the SNs in range: batteries are used and charged, and an SN
-    /// whose battery is empty is dead (decision D33). It loses its queue, and from now on what it samples. Returns the
-    /// bits of the queues.
+    /// Ends `slot` after its services, with `uavs` that wake the SNs in range: batteries are used and charged, and an
+    /// SN whose battery is empty is dead (decision D33). It loses its queue, and from now on what it samples. Returns
+    /// the bits of the queues.
     pub fn end_slot(&mut self, slot: u64, uavs: &[Position]) -> u64 {
         if let Some(airtime) = &mut self.airtime {
             airtime.end_slot(slot);

@@ -303,8 +303,8 @@ pub struct FlightReport {
     pub refused: u32,
     /// How many of `links` count.
     pub served: u32,
-    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of the
-    /// first counts the slots of the stay.
+    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of
+    /// the first counts the slots of the stay.
     pub links: [LinkReport; MAX_SERVED],
 }
 

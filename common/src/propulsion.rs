@@ -39,9 +39,9 @@ pub fn farthest_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
     narrowed(max_speed_mps, |slow_mps, fast_mps| per_metre(slow_mps) < per_metre(fast_mps))[1]
 }
 
-/// The speeds from 0 to `max_speed_mps` [m/s], narrowed down by ternary search: `is_lower` says of a slower and a faster
-/// one whether the search goes on below the faster. Where `is_lower` is true of equals, the slow end is that of a least
-/// value at 0, and otherwise the fast end is above 0.
+/// The speeds from 0 to `max_speed_mps` [m/s], narrowed down by ternary search: `is_lower` says of a slower and a
+/// faster one whether the search goes on below the faster. Where `is_lower` is true of equals, the slow end is that of
+/// a least value at 0, and otherwise the fast end is above 0.
 fn narrowed(max_speed_mps: f64, is_lower: impl Fn(f64, f64) -> bool) -> [f64; 2] {
     let mut low_mps = 0.0;
     let mut high_mps = max_speed_mps;

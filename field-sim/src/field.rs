@@ -154,8 +154,8 @@ impl Field {
         self.ledger.queues_bits()
     }
 
-    /// The queues after the slot as the UAV believes them to be [bit], by sensor node: [`DEAD`] of those that it knows to be
-    /// dead, and [`SILENT`] more of those without airtime.
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node: [`DEAD`] of those that it knows
+    /// to be dead, and [`SILENT`] more of those without airtime.
     pub fn told_belief(&self) -> Cow<'_, [u32]> {
         if !self.ledger.may_refuse() {
             return Cow::Borrowed(self.believed_bits());
@@ -173,8 +173,8 @@ impl Field {
         self.ledger.may_refuse() && self.belief.is_out(self.ledger.told_bits_of(sensor as usize), sensor)
     }
 
-    /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be dead or
-    /// without airtime.
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be
+    /// dead or without airtime.
     pub fn servable_bits(&self) -> Cow<'_, [u32]> {
         let mut told_bits = self.told_belief();
         if self.ledger.may_refuse() {
@@ -183,8 +183,8 @@ impl Field {
         told_bits
     }
 
-    /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones, [`SILENT`] more of those without
-    /// airtime.
+    /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones, [`SILENT`] more of those
+    /// without airtime.
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         self.ledger.told_bits()
     }

@@ -84,8 +84,8 @@ impl Fleet {
     /// Flies `slot`, from 1, each UAV by its plan as [`Flight::step`] does; writes the reports to `reports`.
     ///
     /// A waypoint too near to the end of a UAV of lower number is refused (decision D23). A sensor node that a UAV of
-    /// lower number serves is not served again; such requests count among those refused (decision D19). Of the UAVs that
-    /// charge in a site those of the lowest numbers have its pads (decision D34).
+    /// lower number serves is not served again; such requests count among those refused (decision D19). Of the UAVs
+    /// that charge in a site those of the lowest numbers have its pads (decision D34).
     pub fn step<'a>(&mut self, slot: u64, plan_of: impl Fn(usize) -> Option<&'a Plan>, reports: &mut [FlightReport]) {
         self.pads.release();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
@@ -112,8 +112,8 @@ impl Fleet {
 
     /// Why vehicles that are where they were last observed must not follow `plans`, in the order of their numbers;
     /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first. Those of
-    /// whose number `follows` is false may stay where they are, whatever is planned, or be on their way to where they were
-    /// sent last, their `target`.
+    /// whose number `follows` is false may stay where they are, whatever is planned, or be on their way to where they
+    /// were sent last, their `target`.
     pub fn refusals(
         &self,
         plans: &[Plan],
@@ -280,8 +280,8 @@ mod tests {
         assert_eq!([Mode::Fly, Mode::Charge].map(|mode| refused(&mut fleet, mode)), [1, 0]);
     }
 
-    /// The energy [J] and the refusals of two UAVs at one site after each slot of 2 s, flown by these modes, `h` a hover and
-    /// `c` to charge. Restarted after each slot, the fleet flies the same.
+    /// The energy [J] and the refusals of two UAVs at one site after each slot of 2 s, flown by these modes, `h` a
+    /// hover and `c` to charge. Restarted after each slot, the fleet flies the same.
     fn at_one_site(charger: &str, modes: &[&str]) -> Vec<[(f64, u32); 2]> {
         let keys = format!(
             "[uav.battery]\ncapacity_j = 1000.0\ninitial = 0.5\n[[base.site]]\nposition_m = [55, 50]\nradius_m = 20.0\n\

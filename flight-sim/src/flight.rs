@@ -105,8 +105,8 @@ impl Flight {
         self.is_reported_down
     }
 
-    /// The report of a slot in which it has landed, and waits for a pad (decision D34): that takes no energy, and ends a
-    /// swap of the battery.
+    /// The report of a slot in which it has landed, and waits for a pad (decision D34): that takes no energy, and ends
+    /// a swap of the battery.
     pub(crate) fn await_pad(&mut self) -> FlightReport {
         self.vehicle.swapped_slots = 0;
         FlightReport { hold: HoldReason::Pad as u32, refused: 1, ..self.report(Mode::Charge) }
@@ -126,8 +126,8 @@ impl Flight {
         self.keep_contacts(report);
     }
 
-    /// Lets the sensor nodes that `report` serves share the time of the slot, and new contacts be set up in it (decision
-    /// D39).
+    /// Lets the sensor nodes that `report` serves share the time of the slot, and new contacts be set up in it
+    /// (decision D39).
     pub(crate) fn share_time(&mut self, report: &mut FlightReport) {
         if self.link.setup_s.is_none() && self.link.sharing.is_none() {
             return;
@@ -313,9 +313,9 @@ impl Flight {
         }
     }
 
-    /// Adds what this UAV hears at the end of `slot`, where `report` says that it is (decision D32): of each sensor node
-    /// within `link.beacon_radius_m` the SNR there, which with the links observed before a slot is that of the next one.
-    /// Nothing if it is down, or without that key.
+    /// Adds what this UAV hears at the end of `slot`, where `report` says that it is (decision D32): of each sensor
+    /// node within `link.beacon_radius_m` the SNR there, which with the links observed before a slot is that of the
+    /// next one. Nothing if it is down, or without that key.
     pub(crate) fn hear(&self, slot: u64, report: &FlightReport, links: &mut Vec<HeardLink>) {
         let radius_m = self.link.beacon_radius_m.filter(|_| report.flown_mode() != Mode::Down);
         let Some(radius_m) = radius_m else { return };

@@ -92,8 +92,8 @@ impl Vehicle {
         true
     }
 
-    /// The site of several bases on one of whose pads it would charge now: it is there, the site charges, and the battery
-    /// is not full. `None` in a single base, which has a pad for everybody.
+    /// The site of several bases on one of whose pads it would charge now: it is there, the site charges, and the
+    /// battery is not full. `None` in a single base, which has a pad for everybody.
     pub(crate) fn pad_site(&self) -> Option<usize> {
         let base = self.base.as_ref()?;
         let site = base.site_at(&self.position.xy())?;

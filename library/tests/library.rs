@@ -1,4 +1,5 @@
-//! The library as it is in the repository: every best known flight is what its file says, and nothing spoilt is accepted.
+//! The library as it is in the repository: every best known flight is what its file says, and nothing spoilt is
+//! accepted.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -61,8 +61,9 @@ mod tests {
     use super::*;
     use skysink_common::scenario::Overrides;
 
-    /// The bounds on the undelivered bits and the score for four SNs that hold so much [Mbit], one of which is served in
-    /// each of 500 slots of 1 s, at up to 1.4 MHz · 5.55 bit/s/Hz = 7.77 Mbit/s. The first has this weight, the others 1.
+    /// The bounds on the undelivered bits and the score for four SNs that hold so much [Mbit], one of which is served
+    /// in each of 500 slots of 1 s, at up to 1.4 MHz · 5.55 bit/s/Hz = 7.77 Mbit/s. The first has this weight, the
+    /// others 1.
     fn bounds_of(data_mbit: [f64; 4], weight: u32) -> [f64; 2] {
         let folder = tempfile::tempdir().unwrap();
         let rates = "distance_m,altitude_m,probability,rate_bps\n0,20,0.5,7770000\n30,20,0.5,1400000\n";

@@ -12,8 +12,8 @@ use strum::VariantNames;
 const OFFSET_DB: Accepts = Accepts::Number("-60 to 60 dB", |offset_db| (-60.0..=60.0).contains(&offset_db));
 
 skysink_common::keys! {
-    /// `[planner.link]`: what plans take the link for, to see what wrong knowledge costs. What is flown has the rates of
-    /// `[link]`, and strategies that compare no rates fly as before. Those in Python see the true gains.
+    /// `[planner.link]`: what plans take the link for, to see what wrong knowledge costs. What is flown has the rates
+    /// of `[link]`, and strategies that compare no rates fly as before. Those in Python see the true gains.
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct AssumedLink {

@@ -134,7 +134,8 @@ impl MissionTable {
         self.is_out.get(id as usize).is_some_and(|[_, is_dead]| *is_dead)
     }
 
-    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without airtime.
+    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without
+    /// airtime.
     #[inline]
     pub fn is_servable(&self, id: u32) -> bool {
         self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_out(id)

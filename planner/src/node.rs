@@ -70,8 +70,8 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before the
-    /// plan is published. After a requested stop the plan is neither saved nor published.
+    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before
+    /// the plan is published. After a requested stop the plan is neither saved nor published.
     fn plan(
         &mut self,
         slot: u64,

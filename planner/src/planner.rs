@@ -143,8 +143,8 @@ impl Planner {
         self.observe_with(slot, flight, std::slice::from_ref(flight), queues_bits);
     }
 
-    /// Takes in the links that this UAV hears at the end of a slot. Must be called for every slot before it is observed.
-    /// Links of unknown SNs are left out.
+    /// Takes in the links that this UAV hears at the end of a slot. Must be called for every slot before it is
+    /// observed. Links of unknown SNs are left out.
     pub(crate) fn hear(&mut self, links: impl Iterator<Item = HeardLink>) {
         let Some(own) = &mut self.links else { return };
         own.clear();
@@ -179,8 +179,8 @@ impl Planner {
         self.plan(slot, position, queues_bits, Duty::Mission, None)
     }
 
-    /// The plan of a UAV with this duty beside other UAVs: the SNs that they have scheduled in this slot count as empty,
-    /// and are not scheduled.
+    /// The plan of a UAV with this duty beside other UAVs: the SNs that they have scheduled in this slot count as
+    /// empty, and are not scheduled.
     pub(crate) fn plan(
         &mut self,
         slot: u64,
@@ -303,8 +303,8 @@ impl Checkpoint for Planner {
     }
 }
 
-/// What is believed before `slot`, if the known queues are `queues_bits` [bit], by id. Those of the SNs that other UAVs have
-/// scheduled, and of dead or silent ones, are empty in `left_bits`.
+/// What is believed before `slot`, if the known queues are `queues_bits` [bit], by id. Those of the SNs that other UAVs
+/// have scheduled, and of dead or silent ones, are empty in `left_bits`.
 fn believed<'a>(
     belief: &'a mut Belief,
     slot: u64,

@@ -167,8 +167,9 @@ impl<'a> View<'a> {
         self.neighbours.and_then(|neighbours| neighbours.intents)
     }
 
-    /// For each of several bases the slots before it has a pad for the UAV ([`Home::pad_waits`](crate::route::home::Home::pad_waits)), as far as others tell
-    /// where they are; empty if none makes it wait.
+    /// For each of several bases the slots before it has a pad for the UAV
+    /// ([`Home::pad_waits`](crate::route::home::Home::pad_waits)), as far as others tell where they are; empty if none
+    /// makes it wait.
     pub fn pad_waits(&self) -> Vec<u64> {
         let Some(home) = &self.table.home else { return Vec::new() };
         let (uav, flights) = self.neighbours.map_or((0, &[][..]), |neighbours| (neighbours.uav, neighbours.flights));
@@ -180,8 +181,8 @@ impl<'a> View<'a> {
         self.position.xy()
     }
 
-    /// Where a fixed flight ends the slot (`uav.track`), or toward there if the UAV is not where that begins it, because
-    /// an earlier plan was late; `None` if strategies choose waypoints.
+    /// Where a fixed flight ends the slot (`uav.track`), or toward there if the UAV is not where that begins it,
+    /// because an earlier plan was late; `None` if strategies choose waypoints.
     #[inline]
     pub fn fixed_end(&self) -> Option<Point3<f64>> {
         self.track_end(self.table.track.as_ref()?)

@@ -70,8 +70,8 @@ fn remove_files(config: &Config, id: u128) {
 /// Period of the janitor's scans.
 const SCAN_PERIOD: Duration = Duration::from_millis(40);
 
-/// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds. One that has to
-/// wait for a core, or was stopped, needs any time ([`has_waking_process`]).
+/// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds. One that has
+/// to wait for a core, or was stopped, needs any time ([`has_waking_process`]).
 const MAX_SCANS: u32 = 3;
 
 /// A thread that removes abandoned shared memory of a ring until it is dropped.
@@ -93,8 +93,8 @@ impl Janitor {
     }
 }
 
-/// Starts a thread that does what the [`Janitor`] does once the launcher, which has locked `supervisor`, is dead, as long
-/// as the process runs and the ring has a folder.
+/// Starts a thread that does what the [`Janitor`] does once the launcher, which has locked `supervisor`, is dead, as
+/// long as the process runs and the ring has a folder.
 pub(crate) fn stand_by(folder: &RingFolder, supervisor: File) {
     let (path, prefix) = (folder.path().to_owned(), folder.prefix());
     thread::spawn(move || {
@@ -126,8 +126,8 @@ impl Drop for Janitor {
     }
 }
 
-/// Scans once: removes files that were unfinished in [`MAX_SCANS`] scans and that no awake process has open, and returns
-/// the other unfinished ones, each with its number of scans. `before` is the result of the last scan.
+/// Scans once: removes files that were unfinished in [`MAX_SCANS`] scans and that no awake process has open, and
+/// returns the other unfinished ones, each with its number of scans. `before` is the result of the last scan.
 fn remove_abandoned(
     folder: &Path,
     prefix: &str,
@@ -157,8 +157,8 @@ fn is_finished(path: &Path) -> bool {
     fs::symlink_metadata(path).map_or(true, |file| file.mode() & OWNER_READ != 0)
 }
 
-/// Whether a thread of a process that has the file open runs, waits for a core, or is stopped: it may be creating the file.
-/// Those who wait for the file sleep. The calling thread does not count.
+/// Whether a thread of a process that has the file open runs, waits for a core, or is stopped: it may be creating the
+/// file. Those who wait for the file sleep. The calling thread does not count.
 fn has_waking_process(path: &Path) -> bool {
     let own = fs::canonicalize("/proc/thread-self").unwrap_or_default();
     let is_awake = |thread: PathBuf| {

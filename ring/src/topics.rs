@@ -160,8 +160,8 @@ topics! {
         is_heartbeat: true,
     }
 
-    /// What the UAVs hear at the end of each slot, with `link.beacon_radius_m`. Sent before `flight`: a process that has
-    /// the flight of a slot then has the links, too.
+    /// What the UAVs hear at the end of each slot, with `link.beacon_radius_m`. Sent before `flight`: a process that
+    /// has the flight of a slot then has the links, too.
     links: OptionalTopic<[HeardLink], SlotHeader> {
         writer: FlightSim,
         readers: &[Planner, Viewer],

@@ -59,8 +59,8 @@ impl NearestSite {
     }
 }
 
-/// Time to charge `battery` from its reserve to full, with the charger of `scenario` or of `site` [s]; `None` if it is not
-/// charged.
+/// Time to charge `battery` from its reserve to full, with the charger of `scenario` or of `site` [s]; `None` if it is
+/// not charged.
 fn charging_s(scenario: &Scenario, battery: &Battery, site: Option<&BaseSite>) -> Option<f64> {
     let usable_j = battery.capacity_j - battery.reserve_j;
     let charge_w = scenario.base.as_ref().map_or(0.0, |base| base.charge_w);

@@ -52,8 +52,8 @@ fn gains(channel: &Channel, nodes: &[SensorNode]) -> [f64; 2] {
     })
 }
 
-/// The lowest and the highest expected rate [bit/s] of a map at the horizontal distance `distance_m` [m] from the SNs, in
-/// any direction.
+/// The lowest and the highest expected rate [bit/s] of a map at the horizontal distance `distance_m` [m] from the SNs,
+/// in any direction.
 fn by_place(scenario: &Scenario, channel: &Channel, nodes: &[SensorNode], distance_m: f64) -> [f64; 2] {
     let rate_bps = |node: &SensorNode, turn: u32| {
         let (sin, cos) = (TAU * f64::from(turn) / f64::from(TURNS)).sin_cos();

@@ -34,8 +34,8 @@ const OTHERS: [ShownMetric; 7] = [
 /// Maximum length of a number in a cell; longer ones get fewer decimals.
 const MAX_CHARACTERS: usize = 7;
 
-/// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics; before
-/// them the same of the cost by an objective that all of them are `for_costs`.
+/// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics;
+/// before them the same of the cost by an objective that all of them are `for_costs`.
 ///
 /// With `holm` each difference has its adjusted p-value instead of its interval.
 pub fn print_tables(

@@ -39,8 +39,8 @@ struct Process {
     calls: u64,
 }
 
-/// Runs a launcher until it and all of its descendants have ended. Fails if they do not. Of the processes of `points` the system calls are
-/// counted, and they are killed at these points.
+/// Runs a launcher until it and all of its descendants have ended. Fails if they do not. Of the processes of `points`
+/// the system calls are counted, and they are killed at these points.
 pub fn kill_at(command: Command, points: &[CrashPoint]) -> Traced {
     trace(command, points, kill)
 }

@@ -9,8 +9,8 @@ fn check_prints_keys_figures_and_warnings() {
     Place::new().assert_transcript(&expect_file!["transcripts/check.txt"]);
 }
 
-/// `sh lake CORNERS KEYS` writes a scenario with a no-fly zone of so many corners, wrinkled by a metre, and these keys in
-/// `[area]`.
+/// `sh lake CORNERS KEYS` writes a scenario with a no-fly zone of so many corners, wrinkled by a metre, and these keys
+/// in `[area]`.
 const LAKE: &str = r#"
     awk -v count="$1" -v keys="$2" 'BEGIN {
         printf "name = \"lake\"\nslots = 5\nuav.start_m = [10, 10]\nsensors.count = 9\n[area]\nside_m = 1000\n%s\nno_fly = [{ polygon_m = [", keys

@@ -1,5 +1,5 @@
-//! What is generated from the descriptions of the scenario keys and the rows of the presets: two pages of the book, and a
-//! part of a dictionary for fuzzing.
+//! What is generated from the descriptions of the scenario keys and the rows of the presets: two pages of the book, and
+//! a part of a dictionary for fuzzing.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! `skysink library`: instances are copied, flown by any planner, and verified. `library/tests` checks the library itself.
+//! `skysink library`: instances are copied, flown by any planner, and verified. `library/tests` checks the library
+//! itself.
 
 use expect_test::expect_file;
 

@@ -1,6 +1,6 @@
-//! The executables, as a user runs them. Most tests wait for processes or for real time, so several of them run at once on
-//! the smallest machine, too. What needs rights or programs that not every machine has is ignored there, and says which
-//! command brings them.
+//! The executables, as a user runs them. Most tests wait for processes or for real time, so several of them run at once
+//! on the smallest machine, too. What needs rights or programs that not every machine has is ignored there, and says
+//! which command brings them.
 
 #[macro_use]
 extern crate skysink_trial;

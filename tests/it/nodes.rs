@@ -68,7 +68,8 @@ fn alone(scenario: &Scenario, out: &Path) -> Flown {
 /// A node that runs as a thread.
 type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 
-/// A mission in a ring of threads that start in the given order, with what an observer that starts before them receives.
+/// A mission in a ring of threads that start in the given order, with what an observer that starts before them
+/// receives.
 fn fly_in_threads<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> Flown {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), Earlier::Kept, scenario, &list, &RunMode::default()).unwrap();

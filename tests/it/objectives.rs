@@ -1,4 +1,5 @@
-//! Missions for other objectives than the least loss, and with batteries of sensor nodes (decisions D33, D36 and D39), in one process and in a ring.
+//! Missions for other objectives than the least loss, and with batteries of sensor nodes (decisions D33, D36 and D39),
+//! in one process and in a ring.
 
 use std::fs;
 

@@ -25,7 +25,8 @@ fn snr_db(node: usize, [x_m, y_m]: [f64; 2]) -> f64 {
     60.0 - 25.0 * range_m.log10() + shadow_db
 }
 
-/// A flight of lanes 25 m apart over 400 m × 200 m at 10 m/s and 30 m, after a climb, with an SNR of each node a second.
+/// A flight of lanes 25 m apart over 400 m × 200 m at 10 m/s and 30 m, after a climb, with an SNR of each node a
+/// second.
 fn log() -> String {
     let mut rows = "time_s,x_m,y_m,z_m,sensor,snr_db\n-2,500000,4000000,5,,\n".to_owned();
     for second in 0..=360 {

@@ -273,8 +273,8 @@ impl Place {
         self.write(&format!("{run}/slots.csv"), &begun);
     }
 
-    /// Fails unless the folder `run` alone, without the files that its scenario was made of, gives its trace again: flown
-    /// anew, resumed after 20 slots, and replayed.
+    /// Fails unless the folder `run` alone, without the files that its scenario was made of, gives its trace again:
+    /// flown anew, resumed after 20 slots, and replayed.
     #[track_caller]
     pub fn assert_repeatable(&self, run: &str) {
         self.run_ok(&["simulate", &format!("{run}/scenario.toml"), "--out", "again"]);

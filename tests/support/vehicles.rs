@@ -129,7 +129,8 @@ impl Drop for TestVehicle {
     }
 }
 
-/// Passes on what comes to `radio` from the bridge at `port`, and to it what comes from the vehicle unless that is mute.
+/// Passes on what comes to `radio` from the bridge at `port`, and to it what comes from the vehicle unless that is
+/// mute.
 fn relay(radio: &UdpSocket, port: u16, is_mute: &AtomicBool, is_over: &Stop) {
     radio.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let bridge = SocketAddr::from(([127, 0, 0, 1], port));

@@ -232,8 +232,8 @@ impl Bridge {
         refused.map_or(Ok(()), Err)
     }
 
-    /// Notes that the command to arm the vehicle of this number from 0 was not sent, because of `why`. Returns the lines for
-    /// people.
+    /// Notes that the command to arm the vehicle of this number from 0 was not sent, because of `why`. Returns the
+    /// lines for people.
     pub fn forget_arming(&mut self, uav: usize, why: &str) -> Vec<String> {
         let control = &mut self.members[uav].control;
         control.forget_arming(why);

@@ -64,8 +64,8 @@ pub struct Preflight {
     pub missing: String,
     /// Whether they held when they were made last.
     pub holds: bool,
-    /// Whether the vehicle was believed disarmed before take-off, or was flown, in this run. One that was not is somebody
-    /// else's, or an earlier run's, and its failsafe is not to wait for this one.
+    /// Whether the vehicle was believed disarmed before take-off, or was flown, in this run. One that was not is
+    /// somebody else's, or an earlier run's, and its failsafe is not to wait for this one.
     pub was_down: bool,
 }
 

@@ -57,8 +57,8 @@ pub fn is_over(run: &Path) -> bool {
     vehicles.iter().any(is(State::HandsOff)) || !vehicles.is_empty() && vehicles.iter().all(is(State::Done))
 }
 
-/// Notes in the ring in `folder`, before its first bridge begins, that nothing is saved: a bridge that finds nothing at all
-/// has lost it.
+/// Notes in the ring in `folder`, before its first bridge begins, that nothing is saved: a bridge that finds nothing at
+/// all has lost it.
 ///
 /// # Errors
 /// If it cannot be written.

@@ -12,7 +12,8 @@ use crate::telemetry::{Fix, Order, Stream, Telemetry};
 /// Age from which a position is not current any more [s].
 const OLD_FIX_S: f64 = 2.0;
 
-/// Age from which it does not count any more what a vehicle says of the ground [s]: its altitude does, if it is current.
+/// Age from which it does not count any more what a vehicle says of the ground [s]: its altitude does, if it is
+/// current.
 const OLD_IN_AIR_S: f64 = 10.0;
 
 /// Altitude above home from which a vehicle is in the air, if it does not say so itself [m].

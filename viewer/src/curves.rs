@@ -25,8 +25,8 @@ pub const FILL_MAX: &str = "metrics/queue_fill/max";
 pub const DELIVERED: &str = "metrics/delivered";
 /// Bits sampled in a slot, in kbit; only of arrivals at random.
 pub const SAMPLED: &str = "metrics/sampled";
-/// Energy in the battery of the first UAV, in per cent of its capacity, and below it, by number, in those of the others;
-/// only with a battery.
+/// Energy in the battery of the first UAV, in per cent of its capacity, and below it, by number, in those of the
+/// others; only with a battery.
 pub const BATTERY: &str = "metrics/battery";
 /// Wall time of planning a slot, in ms.
 pub const PLAN_LATENCY: &str = "metrics/plan_latency";

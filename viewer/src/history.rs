@@ -91,8 +91,8 @@ impl SensorHistory {
         }
     }
 
-    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN loses
-    /// what it holds and samples.
+    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN
+    /// loses what it holds and samples.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
         let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, radius_m, sums, .. } = self;
         died.clear();

@@ -83,8 +83,8 @@ pub(super) fn close_gaps(zones: &mut [ClosedZone], extent_m: f64) {
     }
 }
 
-/// `polygon` with those of `corners`, of `other`, as corners that lie at most `gap_m` beside it, or on its edges; `None`
-/// if there are none, or it would cross itself.
+/// `polygon` with those of `corners`, of `other`, as corners that lie at most `gap_m` beside it, or on its edges;
+/// `None` if there are none, or it would cross itself.
 fn joined(polygon: &Polygon, corners: &[Position], other: &Polygon, gap_m: f64, extent_m: f64) -> Option<Polygon> {
     let rounding_m = ROUNDING * extent_m;
     let own = polygon.corners();
@@ -178,9 +178,9 @@ impl ZoneContacts {
         near.any(|contact| contact.is_at(z_m) && contact.holds(point, self.rounding_m))
     }
 
-    /// The fraction of the way from `from` to `to` [m] at which it comes upon a contact at the altitude `z_m` [m]; `None`
-    /// if it does not. A way beside an edge that zones share, by up to `slack_m` [m], is along it. A way that begins on
-    /// a contact may leave it.
+    /// The fraction of the way from `from` to `to` [m] at which it comes upon a contact at the altitude `z_m` [m];
+    /// `None` if it does not. A way beside an edge that zones share, by up to `slack_m` [m], is along it. A way that
+    /// begins on a contact may leave it.
     pub fn entry(&self, from: &Position, to: &Position, z_m: f64, slack_m: f64) -> Option<f64> {
         if self.contacts.is_empty() || from == to {
             return None;

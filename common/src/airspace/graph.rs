@@ -229,7 +229,8 @@ impl CornerGraph {
     /// The shortest way between two points that do not see each other; `None` if there is none.
     pub fn shortest(&self, airspace: &Airspace, from: &Position, to: &Position) -> Option<NodeWay> {
         let goal = self.goal(airspace, to);
-        // The nodes that `from` sees, in the order of the lengths of the ways over them, as far as they may be the first.
+        // The nodes that `from` sees, in the order of the lengths of the ways over them, as far as they may be the
+        // first.
         let over = self.nodes.iter().zip(&goal.to_go_m).enumerate().filter(|(_, (_, to_go_m))| to_go_m.is_finite());
         let over = over.map(|(node, (at, to_go_m))| Pending { length_m: (at.at - from).norm() + to_go_m, node });
         let mut over = BinaryHeap::from(over.collect::<Vec<_>>());

@@ -240,9 +240,9 @@ impl CellGrid {
         }
     }
 
-    /// The cells of the shortest way from `from` to the cell nearest to `to`; empty if there is none. Of several equally
-    /// short ones that which begins to the east, north, west or south, in this order, at each cell: so the way from any of
-    /// its cells is the rest of it.
+    /// The cells of the shortest way from `from` to the cell nearest to `to`; empty if there is none. Of several
+    /// equally short ones that which begins to the east, north, west or south, in this order, at each cell: so the way
+    /// from any of its cells is the rest of it.
     fn cells(&self, from: &Position, to: &Position) -> Vec<u32> {
         let Some(goal) = self.nearest_cell(to) else { return Vec::new() };
         let Some((mut cell, _)) = self.begin(from, goal) else { return Vec::new() };

@@ -205,8 +205,8 @@ impl Airspace {
             && self.contacts.entry(from, to, self.lowest_m, slack_m).is_none()
     }
 
-    /// The fraction of the straight way from `from` to `to` [m] at which it enters closed ground, by more than `slack_m` [m],
-    /// between the altitudes `z_m` [m] at its ends; `None` if it enters none.
+    /// The fraction of the straight way from `from` to `to` [m] at which it enters closed ground, by more than
+    /// `slack_m` [m], between the altitudes `z_m` [m] at its ends; `None` if it enters none.
     pub fn entry(&self, from: &Position, to: &Position, z_m: [f64; 2], slack_m: f64) -> Option<f64> {
         let [from_m, to_m] = z_m;
         let z_m = from_m.min(to_m);

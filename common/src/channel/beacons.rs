@@ -15,8 +15,8 @@ pub(crate) const ONLY: Only = Only {
 };
 
 impl DrawnChannel {
-    /// The SNR [dB] of the `uplink` of the sensor node `id` at the position `sensor` to the UAV at `uav`, in `slot`; with a
-    /// line of sight after the gap of the modem. Minus infinity without a link, or an SNR.
+    /// The SNR [dB] of the `uplink` of the sensor node `id` at the position `sensor` to the UAV at `uav`, in `slot`;
+    /// with a line of sight after the gap of the modem. Minus infinity without a link, or an SNR.
     pub fn snr_db(&self, uplink: &Uplink, sensor: &Position, uav: &Point3<f64>, slot: u64, id: u32) -> f64 {
         match self.law() {
             Channel::Map(model) => model.snr_db(uplink, self.map_residual(model, sensor, uav, slot, id)),

@@ -1,6 +1,6 @@
 //! Line of sight that stays (decision D28): one Gaussian field over the positions of both ends of a link, drawn once
-//! for a mission. A UAV that hovers keeps what it sees, and two sensor nodes side by side share it. So does the residual
-//! of a map that stays (decision D32).
+//! for a mission. A UAV that hovers keeps what it sees, and two sensor nodes side by side share it. So does the
+//! residual of a map that stays (decision D32).
 //!
 //! The field is a sum of random cosines. Its correlation is `e^{−d/l}` in the displacement `d` of either end: wave
 //! vectors are multivariate Cauchy, `z/(|w| l)` with `z` and `w` standard normal.

@@ -189,7 +189,8 @@ impl LinkMap {
         own.or_else(others).map(|&grid| &self.grids[grid])
     }
 
-    /// The positions of the UAV [m], east, north and up, in the grid of the sensor node at `sensor`; `None` without one.
+    /// The positions of the UAV [m], east, north and up, in the grid of the sensor node at `sensor`; `None` without
+    /// one.
     pub fn axes_m(&self, sensor: &Position) -> Option<&[Vec<f64>; 3]> {
         self.grid(sensor).map(|grid| &grid.axes_m)
     }
@@ -334,7 +335,8 @@ impl ChannelModel for MapChannel {
         self.mean_over_draws(uplink, &|rate_bps| rate_bps)
     }
 
-    /// A map is taken as flat. By the law, with `x = D²`, `∂/∂x Σ Δr Φ((SNR − s)/σ) = −Σ Δr φ((SNR − s)/σ)/σ · 5n/(x ln 10)`.
+    /// A map is taken as flat. By the law, with `x = D²`, `∂/∂x Σ Δr Φ((SNR − s)/σ) = −Σ Δr φ((SNR − s)/σ)/σ · 5n/(x ln
+    /// 10)`.
     fn slopes(&self, uplink: &Uplink) -> Slopes {
         let (Some(law), Some(steps)) = (self.law, self.drawn_steps()) else {
             return Slopes { by_distance2: 0.0, by_elevation: 0.0 };

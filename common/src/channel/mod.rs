@@ -175,16 +175,16 @@ crate::keys! {
         comm_radius_m: f64 = 10.0, POSITIVE;
         /// Time for communication in a slot, `τ_c` [s]; at most `slot_s`.
         comm_s: f64 = 0.1, POSITIVE;
-        /// What of `comm_s` passes before a first bit, in a slot before which the UAV has not served the SN [s]; less than
-        /// `comm_s` (decision D39).
+        /// What of `comm_s` passes before a first bit, in a slot before which the UAV has not served the SN [s]; less
+        /// than `comm_s` (decision D39).
         setup_s: Option<f64>, NOT_NEGATIVE;
         /// Most airtime of an SN as a fraction of `duty_window_s`; absent: all. It sends no more, and a service without
         /// airtime left is refused (decision D33).
         duty_cycle: Option<f64>, Accepts::Number("a fraction above 0, at most 1", |duty| duty > 0.0 && duty <= 1.0);
         /// The sliding window of `duty_cycle` [s], of whole slots; 3600 if absent.
         duty_window_s: Option<f64>, POSITIVE;
-        /// How the SNs that are served in a slot share `comm_s`: each has all of it, `"blocks"`, or they have equal parts
-        /// (decision D39); `"blocks"` if absent.
+        /// How the SNs that are served in a slot share `comm_s`: each has all of it, `"blocks"`, or they have equal
+        /// parts (decision D39); `"blocks"` if absent.
         sharing: Option<Sharing>, Accepts::OneOf(Sharing::VARIANTS);
         /// Resource blocks, `n`, the most SNs served in a slot.
         resource_blocks: usize = 4, Accepts::Whole(1, MAX_RESOURCE_BLOCKS as u64);

@@ -36,7 +36,8 @@ fn named<Row>(
     row.map_or_else(|| Err(source.refusal(key, value, &expected())), |row| Ok(Some(&rows[row])))
 }
 
-/// Adds the keys of the presets that `table` names and that it lacks; but for the radius, which depends on the altitude.
+/// Adds the keys of the presets that `table` names and that it lacks; but for the radius, which depends on the
+/// altitude.
 ///
 /// # Errors
 /// If a name is unknown.

@@ -28,8 +28,8 @@ crate::keys! {
         /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs
         /// lie in it; those of a list may stand outside, and are served from inside.
         boundary_m: Option<Vec<[f64; 2]>>, CORNERS;
-        /// Farthest that zones and buildings may grow, and the boundary may shrink [m], where all of them have more than
-        /// 1 000 corners and are simplified; default 5, and 0 is not at all (decision D14).
+        /// Farthest that zones and buildings may grow, and the boundary may shrink [m], where all of them have more
+        /// than 1 000 corners and are simplified; default 5, and 0 is not at all (decision D14).
         simplify_m: Option<f64>, Accepts::Number("a distance, at least 0", |simplify_m| simplify_m >= 0.0);
         /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude, or files of them (decision D14).
         /// SNs may stand in them.

@@ -1,4 +1,5 @@
-//! `[base]` and `[uav.battery]`: where UAVs land and charge, and the energy that they carry (decisions D9 to D13 and D34).
+//! `[base]` and `[uav.battery]`: where UAVs land and charge, and the energy that they carry (decisions D9 to D13 and
+//! D34).
 
 use serde::{Deserialize, Serialize};
 

@@ -153,7 +153,8 @@ impl Scenario {
     }
 
     /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
-    /// [`TRACE`], harvested power in [`HARVEST`], and a table of rates or a map of links in [`CHANNEL`], with [`RATES`]. Presets are expanded.
+    /// [`TRACE`], harvested power in [`HARVEST`], and a table of rates or a map of links in [`CHANNEL`], with
+    /// [`RATES`]. Presets are expanded.
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
         if let Some(ArrivalKeys { file: Some(file), .. }) = &mut sensors.arrivals {

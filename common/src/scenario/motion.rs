@@ -40,8 +40,8 @@ impl Scenario {
         self.uav.grid_m().unwrap_or_else(|| self.reach_m())
     }
 
-    /// Whether a move takes several slots in which its UAV, between cells, is less than `distance_m` [m] from others that
-    /// keep this distance from its end.
+    /// Whether a move takes several slots in which its UAV, between cells, is less than `distance_m` [m] from others
+    /// that keep this distance from its end.
     pub fn is_near_between_cells(&self, distance_m: f64) -> bool {
         self.uav.grid_m().is_some_and(|cell_m| distance_m > cell_m * FRAC_1_SQRT_2 && self.move_slots() > 1)
     }
@@ -92,8 +92,8 @@ impl Scenario {
         self.hop_m(direction.dot(&wind_mps) + through_mps)
     }
 
-    /// Time of a leg of `leg_m` [m] in still air [s]; with an acceleration from rest to rest. The inverse of the reach of
-    /// a slot (decision D31).
+    /// Time of a leg of `leg_m` [m] in still air [s]; with an acceleration from rest to rest. The inverse of the reach
+    /// of a slot (decision D31).
     pub fn leg_s(&self, leg_m: f64) -> f64 {
         let speed_mps = self.uav.max_speed_mps;
         match self.uav.acceleration_mps2 {

@@ -1,4 +1,5 @@
-//! The zones that a UAV keeps to: simpler outlines around those of many corners, made once for all clones of a scenario.
+//! The zones that a UAV keeps to: simpler outlines around those of many corners, made once for all clones of a
+//! scenario.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -20,8 +20,8 @@ crate::keys! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct UavKeys {
-        /// A drone by name, such as `"x500"`: speed, acceleration, climb, endurance, battery and propulsion of its row in
-        /// "Which radio, which drone". Keys beside it have priority.
+        /// A drone by name, such as `"x500"`: speed, acceleration, climb, endurance, battery and propulsion of its row
+        /// in "Which radio, which drone". Keys beside it have priority.
         preset: Option<String>, Accepts::OneOf(drones::NAMES);
         /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`, or a `"table"` of
         /// several altitudes.
@@ -47,16 +47,16 @@ crate::keys! {
         wind_mps: Option<[f64; 2]>, Accepts::Rule("[x, y], slower than max_speed_mps");
         /// Standard deviation of where a slot ends about its waypoint, in x and in y [m] (decision D29).
         position_error_m: Option<f64>, NOT_NEGATIVE;
-        /// How far within `d_c` of a sensor node waypoints are planned [m], for a vehicle that misses them by as much; less
-        /// than `link.comm_radius_m`. The node is served up to `d_c`.
+        /// How far within `d_c` of a sensor node waypoints are planned [m], for a vehicle that misses them by as much;
+        /// less than `link.comm_radius_m`. The node is served up to `d_c`.
         waypoint_margin_m: Option<f64>, NOT_NEGATIVE;
         /// Longest flight, `T_e` [s], at least `slots × slot_s`.
         endurance_s: f64 = 600.0, POSITIVE;
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.
         start_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
-        /// CSV file `t_s,x_m,y_m` (or `slot`, and optionally `z_m`) of a flight that is fixed, relative to the scenario's
-        /// folder: waypoints are interpolated at the ends of slots, and strategies only schedule (decision D32). A
-        /// run keeps the waypoints.
+        /// CSV file `t_s,x_m,y_m` (or `slot`, and optionally `z_m`) of a flight that is fixed, relative to the
+        /// scenario's folder: waypoints are interpolated at the ends of slots, and strategies only schedule (decision
+        /// D32). A run keeps the waypoints.
         track: Option<PathBuf>, PATH;
         /// The waypoint of each slot, `[[x, y, z], ...]` [m]; instead of `track`.
         waypoints_m: Option<Vec<[f64; 3]>>, Accepts::Rule("a waypoint for each slot, `[[x, y, z], ...]` [m]");

@@ -111,7 +111,8 @@ impl EnergyUse {
     }
 }
 
-/// The score of a mission that delivers a fraction of its initial data, and has `left_s` [s] left when all is delivered.
+/// The score of a mission that delivers a fraction of its initial data, and has `left_s` [s] left when all is
+/// delivered.
 #[must_use]
 pub fn score(left_s: f64, delivered: f64) -> f64 {
     left_s.max(0.0) + 100.0 * delivered

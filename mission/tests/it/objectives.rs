@@ -120,7 +120,8 @@ fn each_objective_costs_least_by_its_own_plans() {
     assert!(sum.0 < age.0, "{sum:?} {age:?}");
 }
 
-/// Sensor nodes that sample nothing have ages, too: for UAVs that count each other's visits, and where queues are estimated.
+/// Sensor nodes that sample nothing have ages, too: for UAVs that count each other's visits, and where queues are
+/// estimated.
 #[test]
 fn ages_count_where_nothing_is_sampled() {
     for keys in [

@@ -57,8 +57,8 @@ impl Field {
         (from[0] - to[0]).hypot(from[1] - to[1]) / REACH_M
     }
 
-    /// What the gap of a sensor node costs from the visit in slot `from`, 0 for the start, to that in slot `to`, or to the
-    /// end.
+    /// What the gap of a sensor node costs from the visit in slot `from`, 0 for the start, to that in slot `to`, or to
+    /// the end.
     fn gap_cost(&self, weights: &ObjectiveWeights, sensor: usize, from: u32, to: u32) -> f64 {
         let [slot_bits, capacity_bits, first_bits] = self.bits[sensor];
         let held_bits = if from == 0 { first_bits } else { 0 };

@@ -35,7 +35,8 @@ fn flown(scenario: &Scenario) -> (Vec<SlotRecord>, Summary) {
 
 #[test]
 fn the_time_before_a_pad_counts_as_waiting_not_as_charging() {
-    // Two UAVs on one pad, slots of 2 s: the first charges 200 J in each of slots 1 to 3, and the second in slots 4 to 6.
+    // Two UAVs on one pad, slots of 2 s: the first charges 200 J in each of slots 1 to 3, and the second in slots 4 to
+    // 6.
     let text = "name = 'x'\nslots = 7\nslot_s = 2.0\n[sensors]\ncount = 2\n[uav]\ncount = 2\n\
                 [uav.battery]\ncapacity_j = 1000.0\ninitial = 0.5\n\
                 [[base.site]]\nposition_m = [50, 50]\ncharge_w = 100.0\npads = 1\n";
@@ -119,7 +120,8 @@ struct Sites {
 }
 
 impl Sites {
-    /// Checks the energy of `now` after `before`, which has been swapped for `swapped` slots; returns these with the slot.
+    /// Checks the energy of `now` after `before`, which has been swapped for `swapped` slots; returns these with the
+    /// slot.
     fn check(&self, before: &FlightReport, now: &FlightReport, swapped: u64, at: &str) -> u64 {
         let ground = now.position().xy();
         let charger: Option<&Charger> = self.base.charger_at(&ground);

@@ -86,7 +86,8 @@ impl<Links: Fn(u64, usize) -> u64> Offer<'_, Links> {
         offers.into_iter().map(taken).sum()
     }
 
-    /// The fewest services that take all data of an SN; `None` if its links never carry a bit. Without data, one of 0 bit.
+    /// The fewest services that take all data of an SN; `None` if its links never carry a bit. Without data, one of 0
+    /// bit.
     fn services(&self, index: usize, sensor: &SensorBits) -> Option<Services> {
         let data_bits = self.data_bits(sensor);
         let most_bits = (1..=self.field.slots).map(|slot| (self.link_bits)(slot, index)).max()?;
@@ -114,8 +115,8 @@ mod tests {
 
     #[test]
     fn data_is_delivered_by_the_best_links_in_reach() {
-        // 6 slots, one link of 10 or 4 bit a slot; the strong one is in reach from slot 3 on, and holds 25 bit: 4 + 4 in
-        // slots 1 and 2. By slots 4 · 10 + 8 = 48; by services 10 + 10 + 5 and three of 4: 37.
+        // 6 slots, one link of 10 or 4 bit a slot; the strong one is in reach from slot 3 on, and holds 25 bit: 4 + 4
+        // in slots 1 and 2. By slots 4 · 10 + 8 = 48; by services 10 + 10 + 5 and three of 4: 37.
         let field = field(6, 1, &[(25, 3), (100, 1)]);
         let offer = Offer { field: &field, link_bits: |_: u64, index: usize| [10u64, 4][index] };
         let bits = offer.delivered_bits(|_| 1.0);

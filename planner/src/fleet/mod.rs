@@ -139,8 +139,8 @@ impl FleetPlanner {
         Ok(planners)
     }
 
-    /// The same with the strategies that `make` makes, one for each UAV, instead of the scenario's. Where each UAV has a
-    /// part of the field, the SNs of its setup are those of its part, numbered from 0.
+    /// The same with the strategies that `make` makes, one for each UAV, instead of the scenario's. Where each UAV has
+    /// a part of the field, the SNs of its setup are those of its part, numbered from 0.
     ///
     /// # Errors
     /// As [`Planner::new`], and those of `make`.

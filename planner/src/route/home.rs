@@ -104,8 +104,8 @@ impl Home {
         away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, place)| *place)
     }
 
-    /// The way home from `ground` [m] after `slot`: the route of least energy, in the slots that are left; it takes more
-    /// if it is too far. `None` if there is none.
+    /// The way home from `ground` [m] after `slot`: the route of least energy, in the slots that are left; it takes
+    /// more if it is too far. `None` if there is none.
     pub fn route(&self, slot: u64, ground: &Position) -> Option<Route> {
         self.route_within(ground, self.left_after(slot))
     }
@@ -158,8 +158,8 @@ impl Home {
         self.battery.map_or(f64::INFINITY, |battery| energy_j - route.energy_j() - battery.reserve_j)
     }
 
-    /// Slots after `slot` beyond those of the way home from `ground` [m] at full speed, below 0 if it comes home too late;
-    /// `None` if it need not be home in time, or no path leads there.
+    /// Slots after `slot` beyond those of the way home from `ground` [m] at full speed, below 0 if it comes home too
+    /// late; `None` if it need not be home in time, or no path leads there.
     pub fn spare_slots(&self, slot: u64, ground: &Position) -> Option<i64> {
         let route = self.route_within(ground, 0).filter(|_| self.must_land)?;
         Some(i64::try_from(self.left_after(slot)).unwrap_or(i64::MAX) - i64::from(route.slots()))
@@ -170,7 +170,8 @@ impl Home {
         self.waypoint_of(self.route(slot.saturating_sub(1), ground), slot, ground)
     }
 
-    /// The next waypoint on the way home of a UAV with `energy_j` [J] whose time is over: at full speed, if the energy lasts for that.
+    /// The next waypoint on the way home of a UAV with `energy_j` [J] whose time is over: at full speed, if the energy
+    /// lasts for that.
     pub fn landing_waypoint(&self, slot: u64, energy_j: f64, ground: &Position) -> Position {
         let in_time = self.route(slot.saturating_sub(1), ground).filter(|route| route.energy_j() <= energy_j);
         self.waypoint_of(in_time.or_else(|| self.route_within(ground, u64::MAX)), slot, ground)
@@ -215,8 +216,8 @@ impl Home {
         Some(self.base.charger_at(ground).map_or(battery, |charger| battery.at(charger)))
     }
 
-    /// Whether a UAV in the base, at `ground` [m], stays there in `slot` to charge: it has begun to, is not full, and has
-    /// less energy than the rest of the mission takes at top speed.
+    /// Whether a UAV in the base, at `ground` [m], stays there in `slot` to charge: it has begun to, is not full, and
+    /// has less energy than the rest of the mission takes at top speed.
     pub fn charges_on(&self, slot: u64, state: &BatteryState, ground: &Position) -> bool {
         state.is_charging && self.battery_at(ground).is_some_and(|battery| self.is_low(&battery, slot, state.energy_j))
     }
@@ -243,9 +244,9 @@ impl Home {
         if low == 0 { 0 } else { (before + low).next_multiple_of(moves) - before }
     }
 
-    /// For each of several bases the slots from `slot` on before it has a pad for the UAV number `uav` (decision D34). Of
-    /// those with lower numbers, which come first, the ones that are there as their last `flights` say stay until they
-    /// are charged; those that have yet to come are not known. Empty if no site makes it wait.
+    /// For each of several bases the slots from `slot` on before it has a pad for the UAV number `uav` (decision D34).
+    /// Of those with lower numbers, which come first, the ones that are there as their last `flights` say stay until
+    /// they are charged; those that have yet to come are not known. Empty if no site makes it wait.
     pub fn pad_waits(&self, slot: u64, uav: usize, flights: &[FlightReport]) -> Vec<u64> {
         let wait = |(number, site): (usize, &BaseSite)| {
             let mut pads = vec![0; site.charger.pads as usize];

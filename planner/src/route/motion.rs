@@ -165,9 +165,10 @@ impl Motion {
         Some(Route::new(*from, bent.chain([rest]), self.battery.as_ref()))
     }
 
-    /// The route from `from` to `end` [m] of least energy in `left` slots: its straight parts at the speed of least energy
-    /// per metre, of which the first have the slots that are not needed for full speed. Around zones at full speed, as
-    /// every other flight, where there is no time for whole slots in each part, or no battery. `None` if there is none.
+    /// The route from `from` to `end` [m] of least energy in `left` slots: its straight parts at the speed of least
+    /// energy per metre, of which the first have the slots that are not needed for full speed. Around zones at full
+    /// speed, as every other flight, where there is no time for whole slots in each part, or no battery. `None` if
+    /// there is none.
     pub fn thrifty(&self, from: &Position, end: &Position, left: u64) -> Option<Route> {
         let path = self.airspace.way(from, end);
         let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLACK_SLOTS).ceil().max(0.0);

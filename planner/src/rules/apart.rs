@@ -7,8 +7,8 @@ use crate::route::home::Returning;
 use crate::strategy::View;
 
 impl Reservations<'_> {
-    /// Where to fly in the slot of `view` instead of `proposed` [m]; `None` if that is far enough away, or nothing else is
-    /// better.
+    /// Where to fly in the slot of `view` instead of `proposed` [m]; `None` if that is far enough away, or nothing else
+    /// is better.
     pub(crate) fn end_instead_of(&self, view: &View<'_>, proposed: &Position) -> Option<Position> {
         let (airspace, motion) = (&view.table.airspace, &view.table.motion);
         let ground = view.ground();
@@ -57,8 +57,8 @@ impl Reservations<'_> {
         soonest.filter(|to| !is_in_base(&end_of(proposed)) || is_in_time(to))
     }
 
-    /// Whether `end` [m] is too near to a place that is reserved, and neither is in the base; those of UAVs that have yet
-    /// to plan count if it `gives_way`. On a grid a UAV also comes near to none in the base to which it is not near
+    /// Whether `end` [m] is too near to a place that is reserved, and neither is in the base; those of UAVs that have
+    /// yet to plan count if it `gives_way`. On a grid a UAV also comes near to none in the base to which it is not near
     /// already, and where a move takes several slots, which end outside of the base, to none at all.
     fn is_near(&self, view: &View<'_>, gives_way: bool, end: &Position) -> bool {
         let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));

@@ -82,8 +82,8 @@ impl RuleBook {
         ruled
     }
 
-    /// Where a zone is in the way: to fly around it toward the same waypoint and serve the fullest queues in range. On a
-    /// grid: to fly along its lines.
+    /// Where a zone is in the way: to fly around it toward the same waypoint and serve the fullest queues in range. On
+    /// a grid: to fly along its lines.
     fn keep_to_airspace(&mut self, view: &View<'_>, duty: Duty, ruled: &mut Ruled) {
         if view.table.airspace.is_open() || duty != Duty::Mission || ruled.mode == Mode::Charge {
             return;

@@ -1,13 +1,13 @@
 //! `sca`: successive convex approximation (SCA) of the whole flight and its times, before take-off.
 //!
-//! The first plan is fly, hover and communicate: the round of `tour`, on which the UAV stays with a sensor node until its
-//! queue is empty, or for one slot if that loses less. In each step the services that save nothing are left out, and a
-//! cone program moves all stops and their times at once, with tangents as bounds of rates and bits. The best flight is
-//! flown without changes.
+//! The first plan is fly, hover and communicate: the round of `tour`, on which the UAV stays with a sensor node until
+//! its queue is empty, or for one slot if that loses less. In each step the services that save nothing are left out,
+//! and a cone program moves all stops and their times at once, with tangents as bounds of rates and bits. The best
+//! flight is flown without changes.
 //!
 //! Source: Y. Zeng, J. Xu, R. Zhang, "Energy Minimization for Wireless Communication With Rotary-Wing UAV", IEEE
-//! Transactions on Wireless Communications 18(4), 2019; C. Zhan, Y. Zeng, R. Zhang, "Energy-Efficient Data Collection in
-//! UAV Enabled Wireless Sensor Network", IEEE Wireless Communications Letters, 2018; C. You, R. Zhang, "Hybrid
+//! Transactions on Wireless Communications 18(4), 2019; C. Zhan, Y. Zeng, R. Zhang, "Energy-Efficient Data Collection
+//! in UAV Enabled Wireless Sensor Network", IEEE Wireless Communications Letters, 2018; C. You, R. Zhang, "Hybrid
 //! Offline-Online Design for UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Transactions on Wireless
 //! Communications, 2020. There objectives are energy and rates; here the loss, with stops in range. (Of the second
 //! the title was read, of the others the abstracts.)

@@ -67,14 +67,14 @@ impl Serving {
         self.decision(view, &ground)
     }
 
-    /// As [`Self::serve_by`], for the n SNs of most value, whatever the objective, of which those that are first come before
-    /// the others.
+    /// As [`Self::serve_by`], for the n SNs of most value, whatever the objective, of which those that are first come
+    /// before the others.
     pub fn serve_first(&mut self, view: &View, ground: &Position, is_first: impl Fn(u32) -> bool) -> Decision {
         self.serve_by(view, ground, |id| (!is_first(id), fullest_first(view.value(id), id)))
     }
 
-    /// The decision to fly to `end`, as a fixed flight does, and serve there those of `chosen` that are in range, then the
-    /// fullest in range, or those that upload most; those that upload nothing come last.
+    /// The decision to fly to `end`, as a fixed flight does, and serve there those of `chosen` that are in range, then
+    /// the fullest in range, or those that upload most; those that upload nothing come last.
     pub fn serve_at(&mut self, view: &View, end: Point3<f64>, chosen: &[u32]) -> Decision {
         let MissionTable { sensors, .. } = view.table;
         let queues_bits = view.belief.queues_bits;
@@ -109,8 +109,8 @@ impl Decision {
     }
 }
 
-/// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, by their values, ascending by id: of equals
-/// those with the lowest. `queues_bits` [bit] are by id.
+/// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, by their values, ascending by id: of
+/// equals those with the lowest. `queues_bits` [bit] are by id.
 pub fn fill_fullest_in_range(table: &MissionTable, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
     if table.sensors.weights.are_equal() {
         // Not the values: they would look at the weights for every SN.

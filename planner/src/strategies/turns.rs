@@ -40,8 +40,8 @@ pub(crate) struct InTurn {
 }
 
 impl InTurn {
-    /// A round of `turns` from where it begins for a UAV that starts at a point. With `remembers`, an SN that was served
-    /// at most half a round before its turn loses it.
+    /// A round of `turns` from where it begins for a UAV that starts at a point. With `remembers`, an SN that was
+    /// served at most half a round before its turn loses it.
     ///
     /// The UAVs of a team begin at parts of the round of UAV 0, in the order of where each would begin along it.
     pub fn new(
@@ -75,8 +75,8 @@ impl InTurn {
         self.turn = self.first;
     }
 
-    /// Begins anew with the turn of SN `id`, if it has one. With `drains`, a turn lasts until its SN's queue is empty, or
-    /// cannot be emptied because it samples more than the link carries.
+    /// Begins anew with the turn of SN `id`, if it has one. With `drains`, a turn lasts until its SN's queue is empty,
+    /// or cannot be emptied because it samples more than the link carries.
     pub fn begin_with(&mut self, id: Option<u32>, drains: bool) {
         let turn = id.map_or(NO_TURN, |id| self.turn_of[id as usize]);
         if turn != NO_TURN {

@@ -70,7 +70,8 @@ impl Ages {
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         for (id, since) in view.table.sensors.ids().zip(&mut self.full_since) {
             let sampler = view.table.sensors.sampler(id);
-            // Of bits that expire a full queue holds now one bit more, now one less, unless it samples whole bits a slot.
+            // Of bits that expire a full queue holds now one bit more, now one less, unless it samples whole bits a
+            // slot.
             let stored_bits = sampler.stored_bits();
             let missing_bits = u32::from(sampler.lasting_slots < sampler.fill_slots() && stored_bits > 1);
             let is_full = view.belief.queues_bits[id as usize] >= stored_bits - missing_bits;

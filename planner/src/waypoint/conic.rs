@@ -1,7 +1,7 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves the same problem as [`crate::geometry::disks`], as an independent check. Only this file, `cone_program` and
-//! what is written with it depend on Clarabel.
+//! It solves the same problem as [`crate::geometry::disks`], as an independent check. Only this file, `cone_program`
+//! and what is written with it depend on Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};

@@ -2,7 +2,8 @@
 //! in the ring records them.
 //!
 //! Each process waits for the message of the one before it and sends its own, as large as the ring's: queues, plan,
-//! flight report. The queues grow before they are sent, as new ones must be written; nothing is planned, flown or saved.
+//! flight report. The queues grow before they are sent, as new ones must be written; nothing is planned, flown or
+//! saved.
 
 use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader};

@@ -1,5 +1,6 @@
-//! The attribute `#[test]` for a test program without the usual harness, which decides how many of its tests run at once:
-//! `#[macro_use] extern crate skysink_trial;` in its root collects all functions with that attribute in `crate::TRIALS`.
+//! The attribute `#[test]` for a test program without the usual harness, which decides how many of its tests run at
+//! once: `#[macro_use] extern crate skysink_trial;` in its root collects all functions with that attribute in
+//! `crate::TRIALS`.
 
 use proc_macro::{Delimiter, Group, TokenStream, TokenTree};
 

@@ -236,8 +236,8 @@ fn a_vehicle_that_is_found_armed_gets_no_heartbeats_while_another_flies_on() {
     assert_eq!(bridge.control(0).heartbeats(now_s), Heartbeats::Due);
 }
 
-/// The same of a vehicle that the checks would refuse: what is armed is no vehicle to check, and its failsafe acts under
-/// the bridge after this one, too.
+/// The same of a vehicle that the checks would refuse: what is armed is no vehicle to check, and its failsafe acts
+/// under the bridge after this one, too.
 #[test]
 fn a_vehicle_that_is_found_armed_is_not_refused_by_its_battery() {
     let mut bridge = fleet(Beginning::First, [FLIES, State::Home { was_seen: true }], "");

@@ -1,5 +1,5 @@
-//! A map of links from arrays: `x_m`, `y_m` and `z_m`, and `snr_db` or `rate_bps` of the shape [N, z, y, x], in memory or
-//! as NumPy saves them in an `.npz` file.
+//! A map of links from arrays: `x_m`, `y_m` and `z_m`, and `snr_db` or `rate_bps` of the shape [N, z, y, x], in memory
+//! or as NumPy saves them in an `.npz` file.
 
 use std::io::{Cursor, Read};
 use std::path::Path;
@@ -72,8 +72,8 @@ const AXES: [&str; 3] = ["x_m", "y_m", "z_m"];
 
 impl LinkMap {
     /// The map with the positions `axes_m` of the UAV, east, north and up [m], and `levels` of the `shape`
-    /// [N, z, y, x]: SNRs [dB] with the `steps` of their rates, or without them rates [bit/s]; NaN for no link. N is the
-    /// number of the SNs, or 1 for all of them.
+    /// [N, z, y, x]: SNRs [dB] with the `steps` of their rates, or without them rates [bit/s]; NaN for no link. N is
+    /// the number of the SNs, or 1 for all of them.
     ///
     /// # Errors
     /// If a value is out of range, positions do not ascend, or the shape is another.

@@ -30,7 +30,8 @@ fn radio(name: &str) -> &'static Radio {
 #[test]
 fn the_steps_of_each_radio_end_where_the_budget_does() {
     // 10^((P_tx − L1 − 15 − sensitivity)/10n) of the lowest and the highest rate; by hand, n = 2.5 and n = 2.
-    // lora-sf7: 14 − 31.2 − 15 + 124 = 91.8 dB, 10^3.672 = 4699 m. 802154: 8 − 40.2 − 15 + 100 = 52.8 dB, 10^2.112 = 129 m.
+    // lora-sf7: 14 − 31.2 − 15 + 124 = 91.8 dB, 10^3.672 = 4699 m. 802154: 8 − 40.2 − 15 + 100 = 52.8 dB, 10^2.112 =
+    // 129 m.
     for (name, lowest_m, highest_m, free_space_m) in [
         ("lora-sf7", 4699.0, 4699.0, 38_905.0),
         ("lora-sf8", 6194.0, 6194.0, 54_954.0),

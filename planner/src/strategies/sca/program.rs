@@ -1,21 +1,21 @@
 //! A convex approximation of all stops of a flight and their times, as a cone program.
 //!
-//! **Variables.** Of stop m its point `q_m`, its last slot `τ_m`, and the slots in which it serves, `x_m`. Of service j of
-//! an SN what was lost before it, `o_j`; of one over a link that cannot empty a full buffer from everywhere in range also
-//! the queue after it, `b_j`, what the link carries in a slot, `ρ_j`, and a root of the bits, `u_j`.
+//! **Variables.** Of stop m its point `q_m`, its last slot `τ_m`, and the slots in which it serves, `x_m`. Of service j
+//! of an SN what was lost before it, `o_j`; of one over a link that cannot empty a full buffer from everywhere in range
+//! also the queue after it, `b_j`, what the link carries in a slot, `ρ_j`, and a root of the bits, `u_j`.
 //!
-//! **Flight.** `f_m = τ_m − τ_{m−1} − x_m + 1` slots bring the UAV from stop to stop. No leg takes more whole slots than
-//! the k of the flight before, `d = ‖q_m − q_{m−1}‖/(V τ) ≤ k`, and as a slot can only be saved as a whole, `f_m` is at
-//! least `max(1, k − 1)`. The part of the last slot counts by a concave function that is 0 without it and 1 with all of
-//! it, `f_m ≥ k − 1 + φ(d − k + 1)`, `φ(e) = ln(1 + e/ε)/ln(1 + 1/ε)`, of which the tangent is taken: so short rests
-//! vanish, and long ones do not matter. Every SN of a stop is in range, `‖q_m − w_i‖ ≤ d_c`.
+//! **Flight.** `f_m = τ_m − τ_{m−1} − x_m + 1` slots bring the UAV from stop to stop. No leg takes more whole slots
+//! than the k of the flight before, `d = ‖q_m − q_{m−1}‖/(V τ) ≤ k`, and as a slot can only be saved as a whole, `f_m`
+//! is at least `max(1, k − 1)`. The part of the last slot counts by a concave function that is 0 without it and 1 with
+//! all of it, `f_m ≥ k − 1 + φ(d − k + 1)`, `φ(e) = ln(1 + e/ε)/ln(1 + 1/ε)`, of which the tangent is taken: so short
+//! rests vanish, and long ones do not matter. Every SN of a stop is in range, `‖q_m − w_i‖ ≤ d_c`.
 //!
 //! **Queues.** Before service j the queue is `b_{j−1} + a (τ_j − τ_{j−1}) − o_j`, at most the buffer. Of it the service
 //! takes all, or at most `κ x_m ρ_j`: an SN has the share `κ = min(1, n/|S_m|)` of the slots.
 //!
-//! **Approximations.** `ρ_j` is at most the tangent of the capacity in the squared distance, a lower bound in free space,
-//! where the capacity is convex in it. `u² ≤ x ρ` is a cone, and the bits are at most `κ (2 û u − û²) ≤ κ u²`. A hat marks
-//! values of the flight before.
+//! **Approximations.** `ρ_j` is at most the tangent of the capacity in the squared distance, a lower bound in free
+//! space, where the capacity is convex in it. `u² ≤ x ρ` is a cone, and the bits are at most `κ (2 û u − û²) ≤ κ u²`. A
+//! hat marks values of the flight before.
 //!
 //! **Objective.** The least `Σ w_i o_j` relative to what is sampled in a slot, and with little weight early stops.
 
@@ -285,8 +285,8 @@ fn buffer_bits(table: &MissionTable, id: u32) -> f64 {
     f64::from(table.sensors.sampler(id).stored_bits().max(1))
 }
 
-/// The capacity of a link at a stop, and how fast it falls in the squared distance [bit, bit/m²]; `None` if from the rim
-/// of the range, too, a slot carries a full buffer.
+/// The capacity of a link at a stop, and how fast it falls in the squared distance [bit, bit/m²]; `None` if from the
+/// rim of the range, too, a slot carries a full buffer.
 fn limit_of(flight: &Rehearsal, stop: &TimedStop, id: u32) -> Option<[f64; 2]> {
     let table = flight.view.table;
     let Disk { centre, radius_m } = range(table, id);

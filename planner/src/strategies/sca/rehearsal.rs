@@ -127,8 +127,8 @@ impl<'a> Rehearsal<'a> {
         self.fly(&decision);
     }
 
-    /// Flies to a stop and stays there, as long as there are slots left. With `hurries` it ends in range of its SNs as soon
-    /// as it can.
+    /// Flies to a stop and stays there, as long as there are slots left. With `hurries` it ends in range of its SNs as
+    /// soon as it can.
     pub fn visit(&mut self, serving: &mut Serving, stop: &TimedStop, hurries: bool) {
         self.approach(serving, stop, hurries);
         let stays = |flight: &Self, stayed: u64| {
@@ -142,8 +142,8 @@ impl<'a> Rehearsal<'a> {
         }
     }
 
-    /// Flies to the point of a stop; with `hurries` into the range of all its SNs in the fewest slots, as near to the point
-    /// as they allow. Around zones it is the point.
+    /// Flies to the point of a stop; with `hurries` into the range of all its SNs in the fewest slots, as near to the
+    /// point as they allow. Around zones it is the point.
     fn approach(&mut self, serving: &mut Serving, stop: &TimedStop, hurries: bool) {
         let table = self.view.table;
         let (from, reach_m) = (self.position.xy(), table.limits.reach_m);

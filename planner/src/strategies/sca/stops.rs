@@ -84,8 +84,8 @@ pub(super) fn stops_of(flight: &Rehearsal) -> Vec<TimedStop> {
     stops
 }
 
-/// Whether a slot that ends at `end` goes on with a stop: it serves an SN again, one point is in range of all, and their
-/// buffers hold what is sampled meanwhile.
+/// Whether a slot that ends at `end` goes on with a stop: it serves an SN again, one point is in range of all, and
+/// their buffers hold what is sampled meanwhile.
 fn goes_on(table: &MissionTable, stop: &TimedStop, end: &Position, services: &[FlownService]) -> bool {
     let is_again = |service: &FlownService| stop.services.iter().any(|other| other.id == service.id);
     let all = stop.services.iter().chain(services);
