@@ -7,6 +7,7 @@ are of one place. Other columns are ignored. Lines in messages are those of the 
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 from collections.abc import Sequence
@@ -274,29 +275,23 @@ def rows_of(path: Path, what: str) -> tuple[pd.DataFrame, Ids]:
         raise InputError(f"{what} {path}: line {line}: expected UTF-8 text") from None
     head = text.partition("\n")[0]
     separator = next((mark for mark in (";", "\t") if mark in head), ",")
-    try:
-        table = pd.read_csv(
-            io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, skip_blank_lines=False, skipinitialspace=True
-        )
-    except pd.errors.EmptyDataError:
-        return pd.DataFrame(), np.zeros(0, dtype=np.int64)
-    except pd.errors.ParserError as error:
-        found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-        message = f"line {found[2]}: {found[3]} fields: expected {found[1]}, as in the header" if found else str(error).strip()
-        raise InputError(f"{what} {path}: {message}") from None
-    if not isinstance(table.index, pd.RangeIndex):
-        raise InputError(f"{what} {path}: line 2: expected {table.shape[1]} fields, as in the header")
-    table.columns = pd.Index([str(name).strip() for name in table.columns])
-    breaks = table.apply(lambda column: column.str.count("\n").fillna(0)).sum(axis=1).to_numpy(dtype=np.int64)
-    lines = np.arange(len(table)) + 2 + np.r_[0, np.cumsum(breaks)[:-1]].astype(np.int64)[: len(table)]
-    blank = (table.isna() | (table == "")).all(axis=1).to_numpy(dtype=bool)
-    table, lines = table[~blank].reset_index(drop=True), lines[~blank]
-    for row in np.flatnonzero(table.isna().any(axis=1))[:1]:
-        raise InputError(f"{what} {path}: line {lines[row]}: expected {table.shape[1]} fields, as in the header")
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
+    header = [name.strip() for name in next(reader, [])]
+    records, lines = [], []
+    before = reader.line_num
+    for record in reader:
+        line, before = before + 1, reader.line_num
+        if not any(record):
+            continue
+        if len(record) != len(header):
+            raise InputError(f"{what} {path}: line {line}: {len(record)} fields: expected {len(header)}, as in the header")
+        records.append(record)
+        lines.append(line)
+    table = pd.DataFrame(records, columns=pd.Index(header, dtype=str), dtype=str)
     table = table.apply(lambda column: column.str.strip())
     if separator != ",":
         table = table.apply(lambda column: column.str.replace(",", ".", n=1) if column.name != "sensor" else column)
-    return table, lines
+    return table, np.array(lines, dtype=np.int64)
 
 
 def spans(lines: Ids) -> str:

@@ -325,14 +325,13 @@ class Grid:
             if system is None:
                 return (x_m - shift_m[0] - affine.c) / affine.a, (y_m - shift_m[1] - affine.f) / affine.e
             xs, ys = transform(system, self.crs, x_m.tolist(), y_m.tolist())
-            columns, rows = ~affine * (np.array(xs), np.array(ys))
-            return columns, rows
+            return through(~affine, np.array(xs), np.array(ys))
 
         def to_area(columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
             if system is None:
                 return affine.c + shift_m[0] + columns * affine.a, affine.f + shift_m[1] + rows * affine.e
-            xs, ys = affine * (columns, rows)
-            xs, ys = transform(self.crs, system, np.asarray(xs).tolist(), np.asarray(ys).tolist())
+            east, north = through(affine, columns, rows)
+            xs, ys = transform(self.crs, system, east.tolist(), north.tolist())
             return np.array(xs), np.array(ys)
 
         return to_pixels, to_area
@@ -343,7 +342,7 @@ class Grid:
         """Says that the grid does not lie under all of the area."""
         bounds = self.opened.bounds
         columns, rows = self.maps(origin_deg, shift_m)[0](edge_x, edge_y)
-        xs, ys = self.opened.transform * (columns, rows)
+        xs, ys = through(self.opened.transform, columns, rows)
         covered = span("x", bounds.left, bounds.right) + ", " + span("y", bounds.bottom, bounds.top)
         needed = span("x", np.min(xs), np.max(xs)) + ", " + span("y", np.min(ys), np.max(ys))
         return f"{covered}: expected the ground under all of the area, {needed}, in the coordinates of the grid"
@@ -366,7 +365,8 @@ class Grid:
                 return f"0, where the ground around it is {HIGH_ZERO_M:g} m and higher: no height? {name_it('0', self.path)}"
             in_metres = "" if self.unit.length_m == METRES or not is_finite[row, column] else f" ({heights_m[row, column]:.1f} m)"
             expected = f"expected {LIMITS_M[0]:g} to {LIMITS_M[1]:g} m"
-            return f"{value}{in_metres}: no height? {expected}: {name_it(value, self.path)}"
+            remedy = FILL if np.isnan(raw[row, column]) else name_it(value, self.path)
+            return f"{value}{in_metres}: no height? {expected}: {remedy}"
 
         return is_void, why
 
@@ -449,6 +449,11 @@ def inner(from_cells: Any, sides_m: tuple[float, float], shape: tuple[int, ...])
     return found
 
 
+def through(affine: Any, along: Floats, across: Floats) -> tuple[Floats, Floats]:
+    """Coordinates through an affine map."""
+    return affine.a * along + affine.b * across + affine.c, affine.d * along + affine.e * across + affine.f
+
+
 def plane_at(origin_deg: tuple[float, float]) -> Any:
     """The plane of an area: it touches the ellipsoid at its south-west corner."""
     lat_deg, lon_deg = origin_deg
@@ -528,6 +533,8 @@ def clean(path: Path, folder: Path) -> tuple[Path, Unit | None]:
                     raise refusal(path, f"line {number}: heights in `{name}`: expected metres or feet")
                 unit = Unit(name, UNITS_M[name.lower()], "its header")
                 continue
+            if key not in OF_GRID and len(words) > 2:
+                raise refusal(path, f"line {number}: `{words[0][:60]}`: expected a height")
             if key not in OF_GRID or len(words) != 2 or not is_number(words[1]):
                 expected = "expected ncols, nrows, xllcorner, yllcorner, cellsize, dx, dy or NODATA_value, and a number"
                 raise refusal(path, f"line {number}: `{line.strip()[:60]}`: {expected}")

@@ -40,7 +40,7 @@ try:
 except ImportError as missing:
     if __name__ != "__main__":
         raise
-    print(f"skysink: {missing}: expected pandas, as pip install 'skysink[measured]' installs it", file=sys.stderr)
+    print(f"skysink: {missing}: expected pandas (pip install pandas)", file=sys.stderr)
     raise SystemExit(2) from None
 
 LOG = "log.csv"

@@ -42,7 +42,7 @@ try:
 except ImportError as missing:
     if __name__ != "__main__":
         raise
-    print(f"skysink: {missing}: expected rasterio, as pip install 'skysink[terrain]' installs it", file=sys.stderr)
+    print(f"skysink: {missing}: expected rasterio (pip install rasterio)", file=sys.stderr)
     raise SystemExit(2) from None
 
 EXACT_CORNERS = 100
