@@ -103,7 +103,7 @@ class FlightLog:
         table, lines = table[has_fix].reset_index(drop=True), lines[has_fix]
 
         def numbers(name: str, needed: Any = None) -> Floats:
-            found = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
+            found: Floats = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=float)
             wrong = ~np.isfinite(found) & (True if needed is None else needed)
             for row in np.flatnonzero(wrong)[:1]:
                 raise refusal(f"line {lines[row]}: {name} = {table[name][row][:60]}: expected a finite number")

@@ -67,7 +67,8 @@ def law_of(sums: Floats) -> tuple[Any, Any]:
 def log_range(place_m: Floats, at_m: Floats, altitude_m: float) -> Floats:
     """lg of the slant range in metres, of at least 1 m."""
     ground_m = np.hypot(at_m[:, 0] - place_m[0], at_m[:, 1] - place_m[1])
-    return np.log10(np.maximum(np.hypot(ground_m, altitude_m), 1.0))
+    found: Floats = np.log10(np.maximum(np.hypot(ground_m, altitude_m), 1.0))
+    return found
 
 
 @dataclass
@@ -96,7 +97,7 @@ class Measured:
             nodes, index = np.unique(node[of_sensor], return_inverse=True)
             counts = np.bincount(index, minlength=nodes.size)
             mean_db = np.bincount(index, snrs_db[of_sensor], minlength=nodes.size) / np.maximum(counts, 1)
-            squares_db2 = np.bincount(index, (snrs_db[of_sensor] - mean_db[index]) ** 2, minlength=nodes.size)
+            squares_db2 = np.bincount(index, (snrs_db[of_sensor] - mean_db[index]) ** 2, minlength=nodes.size).astype(float)
             at = positions_m[nodes]
             bins.append(Bins(nodes, at, mean_db, counts, squares_db2, log_range(place_m, at, altitude_m)))
         measured = Measured(grid, altitude_m, places_m, bins)

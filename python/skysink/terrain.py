@@ -34,11 +34,12 @@ from skysink.drafts import (
     run,
     text_of,
 )
+from skysink.ground import Ground, Marks
 
 try:
     from rasterio.features import rasterize, shapes
 
-    from skysink.heights import Grid, Ground, Marks, in_area, opened
+    from skysink.heights import Grid, in_area, opened
 except ImportError as missing:
     if __name__ != "__main__":
         raise
@@ -148,8 +149,8 @@ def draft_over(grid: Grid, options: Namespace) -> Draft:
         with converted.open("w", encoding="utf-8", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(["lat_deg", "lon_deg", *(draft.header[index] for index in columns)])
-            for row, (lat_deg, lon_deg) in zip(draft.rows, places.tolist(), strict=True):
-                rows.writerow([f"{lat_deg:.9f}", f"{lon_deg:.9f}", *(row[index] for index in columns)])
+            for cells, (lat_deg, lon_deg) in zip(draft.rows, places.tolist(), strict=True):
+                rows.writerow([f"{lat_deg:.9f}", f"{lon_deg:.9f}", *(cells[index] for index in columns)])
         try:
             draft = Draft.new(options.name, converted, [*hardware, *start])
         except InputError as error:
@@ -162,8 +163,8 @@ def draft_over(grid: Grid, options: Namespace) -> Draft:
 
 def named(grid: Grid) -> str:
     """The name of the system of a grid."""
-    wkt: str = grid.crs.to_wkt()
-    return wkt.split('"')[1]
+    wkt: list[str] = grid.crs.to_wkt().split('"')
+    return wkt[1]
 
 
 def numbers(place: str) -> list[float]:

@@ -85,7 +85,7 @@ def test_the_scenario_stays_that_of_the_executable_before() -> None:
     rows = [list(csv.reader((folder / "links.csv").open(newline=""))) for folder in (Path("aerial"), golden)]
     assert [row[:4] for row in rows[0]] == [row[:4] for row in rows[1]]
     levels_db = [np.array([float(row[4]) for row in of[1:]]) for of in rows]
-    assert np.allclose(*levels_db, atol=0.011)  # a rounding
+    assert np.allclose(levels_db[0], levels_db[1], atol=0.011)  # a rounding
     keys = [tomllib.loads((folder / "aerial.toml").read_text()) for folder in (Path("aerial"), golden)]
     assert keys[0] == keys[1]
 
