@@ -15,7 +15,7 @@ fn outcome(file: &str, bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(file);
     fs::write(&path, bytes).unwrap();
-    match read(&path) {
+    match read(&path, None) {
         Ok(imported) => {
             let list = imported.to_csv([0.0; 2]);
             let rows = list.trim_end().replace('\n', " | ");
@@ -242,7 +242,7 @@ fn gpx_of_other_programs_becomes_a_list_or_says_why_not() {
         (format!("<gpx>{point}"), "refused: it ends within an element: expected a complete GPX file"),
         ("lat,lon\n47.5,8.5\n".to_owned(), "refused: no element: expected a GPX file"),
         (format!("<gpx>{point}</gpx><gpx>{point}</gpx>"), "refused: `gpx` after the outermost element: expected a GPX file"),
-        (format!("<gpx>{}</gpx>", point.replace("/>", "><name>\u{7f}x</name></wpt>")), "refused: point 1: name = \\u007fx: expected at most 100 characters, on one line"),
+        (format!("<gpx>{}</gpx>", point.replace("/>", "><name>\u{7f}x</name></wpt>")), "refused: point 1: name = \\u007fx: U+007F, a control character: expected at most 100 characters, on one line"),
     ];
     assert_outcomes(outcome, "a.gpx", &cases);
 }

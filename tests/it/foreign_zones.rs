@@ -16,7 +16,7 @@ fn outcome(file: &str, bytes: &[u8]) -> String {
     let path = folder.path().join(file);
     fs::write(&path, bytes).unwrap();
     let refused = |message: String| format!("refused: {}", message.split_once(&format!("{file}: ")).unwrap().1);
-    let read = match read_zones(&path) {
+    let read = match read_zones(&path, None) {
         Ok(read) => read,
         Err(refusal) => return refused(refusal.to_string()),
     };
