@@ -5,10 +5,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::support::Place;
-use arrow_array::cast::AsArray;
-use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
 use expect_test::expect_file;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use skysink_common::geodata::projection::Projection;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Origin;
@@ -196,40 +193,4 @@ fn every_service_point_is_in_the_mission_in_order() {
 #[test]
 fn the_help_lists_every_format() {
     Place::new().assert_transcript(&expect_file!["transcripts/export-help.txt"]);
-}
-
-#[test]
-fn parquet_contains_the_slots_and_bits_and_needs_no_origin() {
-    let place = Place::new();
-    place.flight("smoke").strategy("gfs").simulate();
-    place.run_ok(&["export", "run", "--format", "parquet"]);
-    let file = File::open(place.path("run.parquet")).unwrap();
-    let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
-    let batches: Vec<_> = reader.map(Result::unwrap).collect();
-    let [batch] = &batches[..] else { panic!("{} batches", batches.len()) };
-    let column = |name: &str| batch.column_by_name(name).unwrap().clone();
-    let [scheduled, uploads] = ["scheduled", "uploads_bits"].map(|name| column(name).as_list::<i32>().clone());
-    let [slot, delivered] = ["slot", "delivered_bits"].map(|name| column(name).as_primitive::<UInt64Type>().clone());
-    let x_m = column("x_m").as_primitive::<Float64Type>().clone();
-    let mode = column("mode").as_string::<i32>().clone();
-    let text = place.trace("run");
-    assert_eq!(batch.num_rows(), text.lines().count() - 1);
-    let mut served = 0;
-    for (row, line) in text.lines().skip(1).enumerate() {
-        let cells: Vec<&str> = line.split(',').collect();
-        let ids = scheduled.value(row).as_primitive::<UInt32Type>().values().to_vec();
-        let bits = uploads.value(row).as_primitive::<UInt64Type>().values().to_vec();
-        let written: Vec<u32> = cells[5].split_whitespace().map(|id| id.parse().unwrap()).collect();
-        assert_eq!(
-            (slot.value(row).to_string(), x_m.value(row).to_string(), ids),
-            (cells[0].into(), cells[2].into(), written)
-        );
-        assert_eq!(
-            (bits.iter().sum::<u64>(), delivered.value(row).to_string()),
-            (delivered.value(row), cells[6].into())
-        );
-        assert_eq!((bits.len(), mode.value(row)), (scheduled.value_length(row) as usize, cells[9]));
-        served += bits.iter().filter(|&&bits| bits > 0).count();
-    }
-    assert!(served > 60, "{served}");
 }
