@@ -23,7 +23,7 @@ use crate::drawing::page::Look;
 use crate::drawing::style::{BEST_KNOWN_STYLE, styles_of};
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
-use crate::sweep::results::{number, text};
+use crate::sweep::results::{AxisType, number};
 use skysink_mission::metrics::Support;
 
 /// What is asked.
@@ -180,9 +180,10 @@ impl FleetQuestion {
     pub fn write(&self, fleets: &[LeastFleets], out: &Path) -> Result<Vec<PathBuf>, LabError> {
         let key = self.over.first().map_or("value", |setting| setting.key.as_str());
         let mut table = format!("{key},strategy,seed,uavs\n");
+        let axis = AxisType::of_values(self.over.iter().map(|setting| &setting.value));
         for fleet in fleets {
             for (seed, uavs) in &fleet.uavs {
-                let value = fleet.value.as_ref().map_or_else(String::new, text);
+                let value = fleet.value.as_ref().map_or_else(String::new, |value| axis.cell(value));
                 let uavs = uavs.map_or_else(String::new, |uavs| uavs.to_string());
                 table += &format!("{value},{},{seed},{uavs}\n", fleet.strategy);
             }
