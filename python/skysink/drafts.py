@@ -22,7 +22,7 @@ from typing import Any, Never
 import numpy as np
 from numpy.typing import NDArray
 
-from skysink._skysink import InputError, Scenario
+from skysink._skysink import Field, InputError, Scenario
 from skysink.programs import executable
 
 Floats = NDArray[np.float64]
@@ -124,13 +124,12 @@ class Draft:
         indices = [self.header.index(column) for column in columns]
         return np.array([[float(row[index]) for index in indices] for row in self.rows]).reshape(-1, 2)
 
-    def scenario(self) -> Scenario:
-        """The draft as a scenario."""
+    def scenario(self) -> tuple[Scenario, Field]:
+        """The draft as a scenario, and its sensor nodes."""
         with tempfile.TemporaryDirectory() as folder:
             self.write_into(Path(folder), {})
             scenario = Scenario.load(Path(folder, f"{self.name}.toml"))
-            scenario.field()  # read while the list is there
-            return scenario
+            return scenario, scenario.field()
 
     def add_column(self, name: str, values: Iterable[str]) -> None:
         """Adds a column to the sensor list."""

@@ -84,11 +84,17 @@ class Ground:
             low, high = np.minimum(begin[axis], end[axis]), np.maximum(begin[axis], end[axis])
             first = max(int(np.ceil(low.min(initial=0))), 0)
             last = min(int(np.floor(high.max(initial=0))), of_line.shape[0] - 1)
-            for line in range(first, last + 1):
-                at = np.flatnonzero(seen & (low <= line) & (line <= high) & (run != 0))
+            alive = np.flatnonzero(seen & (run != 0))
+            # From the point outward, so that what is hidden near it is left out of all lines behind.
+            here = begin[axis]
+            for line in sorted(range(first, last + 1), key=lambda line: abs(line - here)):
+                at = alive[(low[alive] <= line) & (line <= high[alive])]
                 part = (line - begin[axis]) / run[at]
                 across = begin[1 - axis] + part * (end[1 - axis][at] - begin[1 - axis])
                 across = np.clip(across, 0, of_line.shape[1] - 1)
                 edge_m = np.maximum(of_line[line, np.floor(across).astype(int)], of_line[line, np.ceil(across).astype(int)])
-                seen[at] &= (part <= 0) | (height_m + part * (uav_m - height_m) > edge_m)
+                is_clear = (part <= 0) | (height_m + part * (uav_m - height_m) > edge_m)
+                if not is_clear.all():
+                    seen[at[~is_clear]] = False
+                    alive = alive[seen[alive]]
         return seen

@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from skysink._skysink import InputError, Scenario, expected_rates_bps, simplified_polygons
+from skysink._skysink import Field, InputError, Scenario, expected_rates_bps, simplified_polygons
 from skysink.drafts import (
     LINKS,
     MOST_OF_NODE,
@@ -95,7 +95,7 @@ def create(options: Namespace) -> None:
     draft.warnings += ground.warnings
     files: dict[str, str] = {}
     if not ground.is_flat:
-        scenario = draft.scenario()
+        scenario, field = draft.scenario()
         start = draft.keys["uav"].get("start_m", [side_m / 2 for side_m in draft.sides_m])
         start_m = (float(start[0]), float(start[1]))
         at_start_m = height_at(ground, start_m)
@@ -107,7 +107,7 @@ def create(options: Namespace) -> None:
             f"terrain: {at_start_m:.1f} m at the start, {altitude_m:.1f} m in flight, {len(zones)} no-fly zones where "
             f"the ground is above {limit_m:.1f} m"
         )
-        files[LINKS] = links_over(ground, altitude_m, scenario, sensors_m, draft)
+        files[LINKS] = links_over(ground, altitude_m, scenario, field, sensors_m, draft)
     inputs = [path for path in (options.sensors, options.terrain, options.zones) if path is not None]
     draft.finish(options.out or Path(options.name), files, inputs, options.force)
 
@@ -157,7 +157,8 @@ def draft_over(grid: Grid, options: Namespace) -> Draft:
             raise InputError(str(error).replace(str(converted), str(options.sensors))) from None
     notes.append(f"positions in metres are those of the grid, {named(grid)}, and become latitudes and longitudes")
     draft.notes = notes + draft.notes
-    draft.warnings = [warning for warning in warnings if "its metres are taken as" not in warning]
+    doubts = ("its metres are taken as", "their metres are probably those of a map")
+    draft.warnings = [warning for warning in warnings if not any(doubt in warning for doubt in doubts)]
     return draft
 
 
@@ -264,14 +265,16 @@ def ring_of(outline: list[tuple[float, float]], ground: Ground) -> Ring:
     return ring[first:] + ring[:first]
 
 
-def links_over(ground: Ground, altitude_m: float, scenario: Scenario, sensors_m: Floats, draft: Draft) -> str:
+def links_over(
+    ground: Ground, altitude_m: float, scenario: Scenario, field: Field, sensors_m: Floats, draft: Draft
+) -> str:
     """Sets the lines of a map of the rates of the radio, without links where the ground hides a sensor node, and returns
     its text.
     """
     check_places(draft, sensors_m)
     flown_m = float(scenario["uav.altitude_m"])
-    radius_m = scenario.field().comm_radius_m
-    gains = scenario.field().gains
+    radius_m = field.comm_radius_m
+    gains = field.gains
     most = min(MOST_POINTS // len(sensors_m), MOST_OF_NODE)
     grid = MapGrid.over(draft.sides_m, min(ground.cell_m, radius_m), most)
     places_m = np.minimum(grid.positions_m, np.array(draft.sides_m))
