@@ -42,7 +42,8 @@ mod tests {
     #[test]
     fn special_characters_are_escaped() {
         assert_eq!(markdown("a|b <c> \"d\" & `e` *f* g_h \\"), "a\\|b &lt;c&gt; \"d\" &amp; \\`e\\` \\*f\\* g_h \\\\");
-        let expected = r#"a\textbar{}b \textless{}c\textgreater{} \texttt{\char34}d\texttt{\char34} \& {[}e] \textbackslash{}"#;
+        let expected =
+            r#"a\textbar{}b \textless{}c\textgreater{} \texttt{\char34}d\texttt{\char34} \& {[}e] \textbackslash{}"#;
         assert_eq!(latex("a|b <c> \"d\" & [e] \\"), expected);
         for plain in ["uts at area.side_m = 100", "0.5 [0.1, 0.9] ± 3 %", "Größe η_w"] {
             assert_eq!(markdown(plain), plain);

@@ -134,7 +134,7 @@ impl FolderLayout {
     /// process has locked it.
     ///
     /// # Errors
-    /// If the lock file cannot be opened, or is a link, or the file system has no locks. A new lock file is then removed.
+    /// If the lock file cannot be opened, is a link, or the file system has no locks; a new lock file is then removed.
     pub fn lock(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
         self.lock_new(File::try_lock, path)
     }
@@ -371,7 +371,10 @@ mod tests {
         fs::create_dir(&old).unwrap();
         for path in [&new, &old] {
             let refused = LAYOUT.open_by(lock, path, error, || Ok(())).unwrap_err().to_string();
-            assert!(refused.contains("/lock: its file system has no locks (flock, os error 38): use a folder on"), "{refused}");
+            assert!(
+                refused.contains("/lock: its file system has no locks (flock, os error 38): use a folder on"),
+                "{refused}"
+            );
         }
         assert_eq!(names(place.path()), ["old"]);
         assert!(names(&old).is_empty());

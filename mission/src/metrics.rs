@@ -276,7 +276,8 @@ metrics! {
     /// Upper bound on `score`; only for `offline` where no SN samples.
     ScoreBound: REAL, "score_bound", "upper bound of the score",
         |m| m.bounds.and_then(|bounds| bounds.score_bound).unwrap_or(f64::NAN);
-    /// Slots in which a UAV held its position, without a plan in time or because its waypoint was refused, over all UAVs.
+    /// Slots in which a UAV held its position, without a plan in time or because its waypoint was refused; over all
+    /// UAVs.
     HeldSlots: COUNT, "held_slots", "slots held", |m| m.summary.held_slots as f64;
     /// Requests of plans that were refused: waypoints, and sensor nodes to serve.
     Refused: COUNT, "refused", "requests refused", |m| m.summary.refused as f64;

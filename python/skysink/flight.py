@@ -84,7 +84,8 @@ def simulate(
     ``"python:FILE:CLASS"``; an object may have parameters that no file holds, so its mission is refused.
 
     Raises :class:`skysink.InputError` for bad input. Exceptions of a Python strategy are propagated with a note that
-    names the slot.
+    names the slot. Warns with a ``RuntimeWarning`` of a mission that has held or refused more than 1 % of its slots
+    (``docs/src/metrics.md``), as do ``compare`` and ``sweep``.
     """
     base = scenario_of(scenario)
     models = Models(arrivals, channel)

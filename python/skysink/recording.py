@@ -41,9 +41,9 @@ def to_polars(table: Table) -> Any:
 def parquet(folder: str | PathLike[str]) -> Path:
     """Writes the results in a folder as Parquet, beside the CSV file with the same rows, and returns the path.
 
-    For a run that is ``slots.parquet``: the rows of ``slots.csv``, with lists in ``scheduled`` and ``uploads_bits``, the
-    bits uploaded by each of these SNs. For a sweep it is ``results.parquet``. An existing file is replaced. Needs pyarrow
-    (``pip install './python[frames]'``).
+    For a run that is ``slots.parquet``: the rows of ``slots.csv``, with lists in ``scheduled`` and ``uploads_bits``,
+    the bits uploaded by each of these SNs. For a sweep it is ``results.parquet``. An existing file is replaced. Needs
+    pyarrow (``pip install './python[frames]'``).
 
     Raises :class:`skysink.InputError` for another folder, an incomplete run, or a sweep without results.
     """

@@ -1,6 +1,6 @@
-//! Results as columns: of a mission the slots as in `slots.csv` and the sensor nodes (SNs) as in `sensors_out.csv`, of a
-//! sweep the missions as in `results.csv`. Counts of a mission are signed, so that differences are correct; none exceeds
-//! 2^63. In the tables of folders, which become Parquet files, they are unsigned.
+//! Results as columns: of a mission the slots as in `slots.csv` and the sensor nodes (SNs) as in `sensors_out.csv`, of
+//! a sweep the missions as in `results.csv`. Counts of a mission are signed, so that differences are correct; none
+//! exceeds 2^63. In the tables of folders, which become Parquet files, they are unsigned.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -107,7 +107,7 @@ impl<'a> Replayed<'a> {
         let mode = Mode::from_repr(planned.mode).unwrap_or_default();
         let expected_bits = plan.map_or(0, |plan| plan.expected_bits);
         let FlightReport { x_m, y_m, z_m, refused, .. } = planned;
-        let [x_m, y_m, z_m, distance_m] = [x_m, y_m, z_m, distance_m].map(decimal);
+        let distance_m = decimal(distance_m);
         let same = if is_decided { is_same.to_string() } else { String::new() };
         writeln!(
             self.csv,

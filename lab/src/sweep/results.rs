@@ -49,8 +49,8 @@ fn write_missions(path: &Path, journal: &SweepJournal, metrics: &[Metric], stop:
     Ok(())
 }
 
-/// The row of a mission: swept keys, strategy, seed, metrics (empty for NaN). Floats can be parsed back exactly, and have
-/// a point.
+/// The row of a mission: swept keys, strategy, seed, metrics (empty for NaN). Floats can be parsed back exactly, and
+/// have a point.
 fn mission_line(definition: &Definition, row: &MissionRow, metrics: &[Metric]) -> Vec<String> {
     let number = |metric: &Metric| match row[*metric] {
         value if value.is_nan() => String::new(),
@@ -264,6 +264,9 @@ mod tests {
         assert_eq!(cells(vec![20.into(), 30.into()], 3.0), ["20 uts 7 3.0 3 3.0", "30 uts 7 3.0 3 3.0"]);
         assert_eq!(cells(vec![20.into(), 30.5.into()], 0.0), ["20.0 uts 7 0.0 0 0.0", "30.5 uts 7 0.0 0 0.0"]);
         assert_eq!(cells(vec![20.into(), "inf".into()], f64::NAN), ["20 uts 7   ", "inf uts 7   "]);
-        assert_eq!(cells(vec![5e3.into(), f64::INFINITY.into()], 3.0), ["5000.0 uts 7 3.0 3 3.0", "inf uts 7 3.0 3 3.0"]);
+        assert_eq!(
+            cells(vec![5e3.into(), f64::INFINITY.into()], 3.0),
+            ["5000.0 uts 7 3.0 3 3.0", "inf uts 7 3.0 3 3.0"]
+        );
     }
 }

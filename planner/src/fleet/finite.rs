@@ -6,8 +6,8 @@ use skysink_common::message::Plan;
 use super::FleetPlanner;
 
 impl FleetPlanner {
-    /// Refuses the plans of `slot`, one for each UAV, if the waypoint of one has NaN or infinity: no UAV can fly there, so
-    /// its strategy has computed something wrong.
+    /// Refuses the plans of `slot`, one for each UAV, if the waypoint of one has NaN or infinity: no UAV can fly there,
+    /// so its strategy has computed something wrong.
     ///
     /// # Errors
     /// With the strategy, the slot, the UAV and the waypoint.
