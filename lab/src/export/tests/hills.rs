@@ -18,9 +18,11 @@ fn altitudes_above_home_or_sea_level_clear_every_leg() {
     let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
     let run = run_in("", &hilly_list(), &steps);
     let at = |altitude| mission(&run, &VehicleMissionOptions { altitude, ..forever() });
-    assert_eq!(at(None).reference, AltitudeReference::Relative, "the default of PX4, which refuses that frame");
-    let terrain = mission(&run, &VehicleMissionOptions { autopilot: Some(Autopilot::Ardupilot), ..forever() });
-    assert_eq!(terrain.reference, AltitudeReference::Terrain, "the default of ArduPilot over hills");
+    for autopilot in [None, Some(Autopilot::Ardupilot)] {
+        let default = mission(&run, &VehicleMissionOptions { autopilot, ..forever() });
+        assert_eq!(default.reference, AltitudeReference::Relative, "heights alone make no mission above the ground");
+    }
+    let terrain = at(Some(AltitudeReference::Terrain));
     assert!(waypoints(&terrain.parts[0].items).iter().all(|(_, altitude_m, _)| *altitude_m == 20.0));
     for reference in [AltitudeReference::Relative, AltitudeReference::Msl] {
         let items = at(Some(reference)).parts.remove(0).items;
@@ -53,7 +55,7 @@ fn a_known_ground_at_home_keeps_a_relative_mission_low() {
         let altitude = Some(AltitudeReference::Relative);
         mission(&run, &VehicleMissionOptions { altitude, home_ground, ..forever() })
     };
-    let said = |mission: &VehicleMission| warnings::of(&track(&run), mission, None).join("\n");
+    let said = |mission: &VehicleMission| warned(&run, mission, None);
     let guessed = at(None);
     // With 25 %, home is at 0 to 200 m: 20 m above the highest are 220 m above the lowest.
     assert!(guessed.home_ground_m.unwrap().abs() < 1e-9);
