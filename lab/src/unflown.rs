@@ -32,8 +32,12 @@ impl UnflownFlights {
         scenario: &Scenario,
         missions: impl Iterator<Item = (u64, &'a MetricValues)>,
     ) -> Option<Self> {
-        let plans: Vec<(u64, Option<UnflownPlans>)> =
-            missions.map(|(seed, values)| (seed, UnflownPlans::of_values(values, scenario))).collect();
+        Self::of_plans(name, missions.map(|(seed, values)| (seed, UnflownPlans::of_values(values, scenario))))
+    }
+
+    /// Those of flights with these plans, by seed; `None` for a flight that was flown as it was decided.
+    pub fn of_plans(name: &str, flights: impl Iterator<Item = (u64, Option<UnflownPlans>)>) -> Option<Self> {
+        let plans: Vec<(u64, Option<UnflownPlans>)> = flights.collect();
         let unflown = || plans.iter().filter_map(|(seed, plans)| Some((*seed, (*plans)?)));
         let (seed, worst) = unflown().rev().max_by_key(|(_, plans)| plans.severity())?; // the first of equals
         Some(Self { name: name.to_owned(), seed, worst, flights: unflown().count(), of: plans.len() })

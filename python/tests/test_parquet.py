@@ -50,7 +50,7 @@ def test_a_fleet_with_batteries_has_a_row_for_each_uav(tmp_path: Path) -> None:
 
 
 def test_the_missions_of_a_sweep_have_the_types_of_their_figures(tmp_path: Path) -> None:
-    axes = '"area.side_m" = [40, 50.5]\n"slots" = [60]\n"link.gain" = ["static", "per-slot"]\n'
+    axes = '"area.side_m" = [40, 50.5]\n"slots" = [60]\n"link.gain" = ["static", "per-slot"]\n"planner.offline.steps" = [100]\n'
     text = f'scenario = "{ROOT}/scenarios/smoke.toml"\nstrategies = ["uts", "offline"]\nseeds = 2\n[axes]\n{axes}'
     (tmp_path / "sweep.toml").write_text(text)
     run("sweep", "sweep.toml", "--out", "flown", cwd=tmp_path)
