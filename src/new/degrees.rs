@@ -55,7 +55,7 @@ pub fn of_degrees(
     let count = nodes.len();
     let is_enclosed = |zone: &&Zone| if has_boundary { zone.kind == ZoneKind::Boundary } else { count == 0 };
     let corners = |zone| corners(zone, path);
-    let start_text = start.map(|[lat_deg, lon_deg]| format!("{lat_deg},{lon_deg}")).unwrap_or_default();
+    let start_text = sources.start.map(|[first, second]| format!("{first},{second}")).unwrap_or_default();
     let at_start =
         |position| SourcePosition { what: "option", path: Path::new("--start"), place: &start_text, position };
     let home = sources.plan.as_ref().map(|plan| SourcePosition {

@@ -7,9 +7,11 @@ use skysink_common::geodata::plausible::{distance, meant};
 use skysink_common::geodata::projection::Projection;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Origin;
+use skysink_lab::import::plan::PLAN;
 use skysink_lab::import::south_west;
 
 use super::import::{MARGIN_M, beyond, sides};
+use super::plan::HOME;
 
 /// Approximate length of a degree of latitude [m].
 const DEGREE_M: f64 = 111_000.0;
@@ -39,9 +41,9 @@ impl SourcePosition<'_> {
         self.refusal("").to_string().trim_end_matches(": ").to_owned()
     }
 
-    /// Whether it is that of the option.
+    /// Whether the UAV starts there.
     pub fn is_start(&self) -> bool {
-        self.what == "option"
+        self.what == "option" || (self.what == PLAN && self.place == HOME)
     }
 
     pub fn refusal(&self, message: &str) -> InputError {
@@ -94,8 +96,8 @@ impl GeodeticArea {
     }
 }
 
-/// The corner [°] at a distance [m] south of the southernmost position, and west of the westernmost one on the parallel of
-/// the corner.
+/// The corner [°] at a distance [m] south of the southernmost position, and west of the westernmost one on the parallel
+/// of the corner.
 fn corner(positions: &[[f64; 2]], corner_m: f64) -> [f64; 2] {
     let [low_lat_deg, low_lon_deg] = south_west(positions);
     let lat_deg = (low_lat_deg - corner_m / DEGREE_M).max(-90.0);
@@ -129,8 +131,8 @@ fn refusal(places: &[SourcePosition<'_>], field: &[[f64; 2]]) -> InputError {
     let (farthest, farthest_m) = farthest.expect("there are several");
     let [lat_deg, lon_deg] = farthest.position;
     if farthest_m <= VAST_M {
-        let expected = "the positions lie around a pole, where no plane has north at its top: expected them within 90° of \
-                        longitude, or metres of a plane without latitude and longitude";
+        let expected = "the positions lie around a pole, where no plane has north at its top: expected them within 90° \
+                        of longitude, or metres of a plane without latitude and longitude";
         return farthest.refusal(&format!("{lat_deg},{lon_deg}: {expected}"));
     }
     let away = if farthest_m.is_finite() { distance(farthest_m) } else { "half the Earth".to_owned() };

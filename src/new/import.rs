@@ -40,8 +40,8 @@ impl Sources<'_> {
     /// Imports the positions and the zones; `None` without any, and without a start.
     ///
     /// # Errors
-    /// If a file is refused, zones in degrees are to lie among positions in metres, no file is in the system of the option,
-    /// or if the start lies in a zone.
+    /// If a file is refused, zones in degrees are to lie among positions in metres, no file is in the system of the
+    /// option, or if the start lies in a zone.
     pub fn field(&self) -> Result<Option<NewField>, InputError> {
         let read = |path| Ok::<_, InputError>((import::read(path, self.crs.as_ref())?, path));
         let imported = self.sensors.map(read).transpose()?;
@@ -59,10 +59,8 @@ impl Sources<'_> {
             }
             (Some((Imported { frame: Frame::Plane, .. }, path)), Some(_)) => {
                 let other = if self.plan.is_some() { "the plan has" } else { "the zones have" };
-                let expected = format!(
-                    "positions in metres: expected latitudes and longitudes, as {other}, or the reference system of their \
-                     map, such as --crs EPSG:25832"
-                );
+                let map = "the reference system of their map, such as --crs EPSG:25832";
+                let expected = format!("positions in metres: expected latitudes and longitudes, as {other}, or {map}");
                 Err(InputError::new("sensor positions", path, expected))
             }
             (imported, zones) => {
@@ -209,13 +207,9 @@ const LEAST_MAP_M: f64 = 10e3;
 fn map_grid(imported: &Imported, path: &Path) -> Option<String> {
     let [low, _] = imported.bounds();
     let is_map = low.iter().all(|along_m| along_m.abs() > LEAST_MAP_M);
-    is_map.then(|| {
-        format!(
-            "sensor positions {}: their metres are probably those of a map, whose north is up to 5° beside true north: name its \
-             system, such as --crs EPSG:25832, to get latitudes and longitudes",
-            path.display()
-        )
-    })
+    let map = "their metres are probably those of a map, whose north is up to 5° beside true north";
+    let remedy = "name its system, such as --crs EPSG:25832, to get latitudes and longitudes";
+    is_map.then(|| format!("sensor positions {}: {map}: {remedy}", path.display()))
 }
 
 /// What a file `.prj` says against positions in metres, or in degrees that were not read in a `system`.

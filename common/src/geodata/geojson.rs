@@ -11,8 +11,8 @@ use super::{FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, SourceText, chec
 /// Number beyond those of degrees.
 const LEAST_LENGTH: f64 = 360.0;
 
-/// Finds the points and polygons of the text of a file. Its positions are in the system of its member `crs`. Without one
-/// they are degrees of WGS84, or lengths of the map that the source is said to have.
+/// Finds the points and polygons of the text of a file. Its positions are in the system of its member `crs`. Without
+/// one they are degrees of WGS84, or lengths of the map that the source is said to have.
 ///
 /// # Errors
 /// If it is not GeoJSON, is in a reference system that is not known, or has an invalid position.

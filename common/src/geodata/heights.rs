@@ -30,17 +30,15 @@ pub fn doubts(nodes: &[Position], ground_m: &[f64], node_name: &dyn Fn(usize) ->
 /// Some altitudes are 0, and all others are high.
 fn zeros(ground_m: &[f64], node_name: &dyn Fn(usize) -> String) -> Option<String> {
     let others = ground_m.iter().copied().filter(|altitude_m| *altitude_m != 0.0);
-    let [low_m, high_m] = others.fold([f64::INFINITY, f64::NEG_INFINITY], |[low_m, high_m], altitude_m| {
-        [low_m.min(altitude_m), high_m.max(altitude_m)]
-    });
+    let lowest_m = others.fold(f64::INFINITY, f64::min);
     let mut zeros = ground_m.iter().enumerate().filter(|(_, altitude_m)| **altitude_m == 0.0);
-    let (node, _) = zeros.next().filter(|_| low_m > LEAST_OTHER_M && low_m.is_finite())?;
+    let (node, _) = zeros.next().filter(|_| lowest_m > LEAST_OTHER_M && lowest_m.is_finite())?;
     let more = match zeros.count() {
         0 => String::new(),
-        count => format!(", as are {count} more"),
+        count => format!(", as at {count} more"),
     };
     let name = node_name(node);
-    Some(format!("{name}: ground_m is 0{more}, beside {low_m} to {high_m} m of the others: was it not measured?"))
+    Some(format!("{name}: ground_m is 0{more}, beside {lowest_m} m and more of the others: was it not measured?"))
 }
 
 /// The ground differs by more between two neighbours than they are apart: the steepest such pair.
@@ -60,8 +58,8 @@ fn jump(nodes: &[Position], ground_m: &[f64], node_name: &dyn Fn(usize) -> Strin
     let far = distance(apart_m);
     let name = node_name(node);
     Some(format!(
-        "{name}: ground_m is {low_m}, and {high_m} at sensor node {other}, {far} away: a jump of {jump_m:.0} m; are both \
-         heights of the ground?"
+        "{name}: ground_m is {low_m}, and {high_m} at sensor node {other}, {far} away: a jump of {jump_m:.0} m; are \
+         both heights of the ground?"
     ))
 }
 
@@ -77,9 +75,9 @@ mod tests {
 
     #[test]
     fn a_zero_beside_high_ground_is_doubted_and_one_at_the_coast_is_not() {
-        let expected = "line 3: ground_m is 0, beside 388 to 472 m of the others: was it not measured?";
+        let expected = "line 3: ground_m is 0, beside 388 m and more of the others: was it not measured?";
         assert_eq!(doubts_about(&[388.0, 0.0, 472.0]), [expected]);
-        assert_eq!(doubts_about(&[388.0, 0.0, 472.0, 0.0]), [expected.replace("0,", "0, as are 1 more,")]);
+        assert_eq!(doubts_about(&[388.0, 0.0, 472.0, 0.0]), [expected.replace("0,", "0, as at 1 more,")]);
         for plausible in [&[0.0, 2.0, 80.0][..], &[0.0, -3.0, 30.0], &[0.0, 0.0], &[388.0, 472.0], &[0.0], &[]] {
             assert!(doubts_about(plausible).is_empty(), "{plausible:?}");
         }

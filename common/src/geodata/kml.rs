@@ -29,8 +29,8 @@ const OTHERS: [(&str, &str); 4] =
 /// The folders that `skysink export` writes, with the kind of their points.
 const FOLDERS: [(&str, &str); 2] = [("sensor nodes", "sensor node"), ("service points", "service")];
 
-/// Finds the points and polygons of the text of a file, which are in degrees of WGS84. The further documents of an archive
-/// are ignored.
+/// Finds the points and polygons of the text of a file, which are in degrees of WGS84. The further documents of an
+/// archive are ignored.
 ///
 /// # Errors
 /// If it is not KML, or a position is invalid.

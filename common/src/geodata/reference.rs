@@ -1,5 +1,5 @@
-//! The reference system of positions: an EPSG code, as options and GeoJSON name it, or the text of a file `.prj` beside a
-//! table, as GIS programs write it; and from its coordinates to latitude and longitude.
+//! The reference system of positions: an EPSG code, as options and GeoJSON name it, or the text of a file `.prj` beside
+//! a table, as GIS programs write it; and from its coordinates to latitude and longitude.
 
 use std::fmt;
 use std::fs;
@@ -169,7 +169,7 @@ impl ReferenceSystem {
     pub fn note(&self) -> String {
         let is_shifted = self.on_earth().is_some_and(|on_earth| on_earth.is_shifted);
         let shifted = ", whose shift to WGS84 is exact to some metres";
-        format!("read in {self}{}", if is_shifted { shifted } else { "" })
+        format!("{self}: read in this system{}", if is_shifted { shifted } else { "" })
     }
 }
 

@@ -51,8 +51,8 @@ fn declared(bytes: &[u8]) -> Option<String> {
     Some(value[1..].split(quote).next()?.to_owned())
 }
 
-/// The document of a KMZ archive, its first file named `.kml` in the outermost folder that has one; and the names of all
-/// other documents and archives in it.
+/// The document of a KMZ archive, its first file named `.kml` in the outermost folder that has one; and the names of
+/// all other documents and archives in it.
 ///
 /// # Errors
 /// If it is no zip archive, has no such file, or one that is damaged or too large.

@@ -73,8 +73,8 @@ pub struct Zones {
     pub system: Option<ReferenceSystem>,
 }
 
-/// Reads the zones of the file `path`, KML, KMZ or GeoJSON. `system` is that of an option, for GeoJSON in lengths that does
-/// not name its own.
+/// Reads the zones of the file `path`, KML, KMZ or GeoJSON. `system` is that of an option, for GeoJSON in lengths that
+/// does not name its own.
 ///
 /// # Errors
 /// If the format is unknown, the file cannot be read, a polygon has a hole, no corners or an invalid position, or there

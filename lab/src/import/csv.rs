@@ -145,7 +145,7 @@ impl Columns {
                 _ => found,
             };
             let Some(column) = found else {
-                let heights = format!(", heights: expected {}", ground::REMEDY);
+                let heights = format!("; {}", ground::REMEDY);
                 let heights = if ground::is_height(name) { &heights } else { "" };
                 ignored.extend((!header.is_empty()).then(|| format!("column {}{heights}", quoted(header))));
                 continue;
@@ -346,10 +346,7 @@ mod tests {
             assert_eq!(list(&format!("x,y,ground_m\n1,2,300\n3,4,{missing}\n")), (vec![], vec![reason]), "{missing}");
         }
         let (ground_m, ignored) = list("x,y,alt\n1,2,0\n3,4,388\n");
-        assert!(
-            ground_m.is_empty() && ignored[0].starts_with("column alt, heights: expected as ground_m"),
-            "{ignored:?}"
-        );
+        assert!(ground_m.is_empty() && ignored[0].starts_with("column alt; altitudes of the ground"), "{ignored:?}");
     }
 
     #[test]

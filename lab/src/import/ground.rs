@@ -16,8 +16,8 @@ pub const GROUND_FT: &str = "ground_ft";
 /// What heights are called of which it is not said what they are the heights of, in lower case, with underscores.
 const HEIGHTS: [&str; 7] = ["elevation_m", "elevation", "ele", "altitude_m", "altitude", "alt", "height"];
 
-/// How heights become those of the ground.
-pub const REMEDY: &str = "as ground_m if they are the ground's, for flights over hills";
+/// Where heights of the ground are expected.
+pub const REMEDY: &str = "altitudes of the ground, for flights over hills, belong into ground_m";
 
 /// Whether a column or a property called `name` has heights of something.
 pub fn is_height(name: &str) -> bool {
@@ -31,7 +31,7 @@ pub fn ignored_heights(points: &[FoundPoint]) -> Option<String> {
         point.altitude_m.is_some_and(|altitude_m| altitude_m != 0.0) || point.properties.iter().any(is_named)
     };
     let count = points.iter().filter(has_height).count();
-    (count > 0).then(|| format!("heights of {count} of {} points: expected in a property, {REMEDY}", points.len()))
+    (count > 0).then(|| format!("heights of {count} of {} points; {REMEDY}", points.len()))
 }
 
 /// An altitude in feet, in metres; what is no number as it is.
@@ -84,7 +84,7 @@ mod tests {
     #[test]
     fn only_heights_that_are_called_those_of_the_ground_are_taken() {
         let bare = || "lat_deg,lon_deg\n1,2\n1,2\n".to_owned();
-        let note = |count| format!("heights of {count} of 2 points: expected in a property, {REMEDY}");
+        let note = |count| format!("heights of {count} of 2 points; {REMEDY}");
         assert_eq!(list(&[at(Some(12.5), &[]), at(Some(11.0), &[])]), (bare(), vec![note(2)]));
         assert_eq!(list(&[at(Some(388.0), &[]), at(Some(0.0), &[])]), (bare(), vec![note(1)]));
         assert_eq!(list(&[at(Some(0.0), &[]), at(None, &[])]), (bare(), vec![]), "a height that nobody measured");

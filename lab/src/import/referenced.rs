@@ -5,8 +5,8 @@ use skysink_common::geodata::{Coordinates, ReferenceSystem};
 use super::imported::{Frame, Imported};
 
 impl Imported {
-    /// The table with latitudes and longitudes of WGS84 if its positions are in a known `system`: all in columns x and y,
-    /// and those in columns of degrees if the system is in degrees, too. Otherwise as it is.
+    /// The table with latitudes and longitudes of WGS84 if its positions are in a known `system`: all in columns x and
+    /// y, and those in columns of degrees if the system is in degrees, too. Otherwise as it is.
     ///
     /// # Errors
     /// If metres are in a system that is not known, are no metres, or a position is not in the system.

@@ -129,9 +129,8 @@ mod tests {
     /// The refusal of a collection of a point `a` and a feature with this geometry and these properties.
     fn refused(geometry: &str, coordinates: &str, properties: &str) -> String {
         let first = r#"{"type":"Feature","properties":{"name":"a"},"geometry":{"type":"Point","coordinates":[7,50]}}"#;
-        let second = format!(
-            r#"{{"type":"Feature","properties":{{{properties}}},"geometry":{{"type":"{geometry}","coordinates":{coordinates}}}}}"#
-        );
+        let geometry = format!(r#"{{"type":"{geometry}","coordinates":{coordinates}}}"#);
+        let second = format!(r#"{{"type":"Feature","properties":{{{properties}}},"geometry":{geometry}}}"#);
         let text = format!(r#"{{"type":"FeatureCollection","features":[{first},{second}]}}"#);
         find(&SourceText { text: &text, ..SourceText::default() }).unwrap_err()
     }

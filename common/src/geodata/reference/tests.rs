@@ -1,36 +1,36 @@
 use super::*;
 
 const UTM: &str = "PROJCS[\"WGS_1984_UTM_Zone_32N\",GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\"WGS_1984\",\
-                   6378137.0,298.257223563]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],PROJECTION[\
-                   \"Transverse_Mercator\"],PARAMETER[\"False_Easting\",500000.0],PARAMETER[\"False_Northing\",0.0],\
-                   PARAMETER[\"Central_Meridian\",9.0],PARAMETER[\"Scale_Factor\",0.9996],PARAMETER[\"Latitude_Of_Origin\",\
-                   0.0],UNIT[\"Meter\",1.0]]";
+    6378137.0,298.257223563]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],\
+    PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"False_Easting\",500000.0],\
+    PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",9.0],PARAMETER[\"Scale_Factor\",\
+    0.9996],PARAMETER[\"Latitude_Of_Origin\",0.0],UNIT[\"Meter\",1.0]]";
 
-const LONG_ISLAND_FEET: &str = "PROJCS[\"NAD_1983_StatePlane_New_York_Long_Island_FIPS_3104_Feet\",GEOGCS[\
-                                \"GCS_North_American_1983\",DATUM[\"D_North_American_1983\",SPHEROID[\"GRS_1980\",6378137.0,\
-                                298.257222101]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],PROJECTION[\
-                                \"Lambert_Conformal_Conic\"],PARAMETER[\"False_Easting\",984250.0],PARAMETER[\
-                                \"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",-74.0],PARAMETER[\
-                                \"Standard_Parallel_1\",41.0333333333333],PARAMETER[\"Standard_Parallel_2\",\
-                                40.6666666666667],PARAMETER[\"Latitude_Of_Origin\",40.1666666666667],UNIT[\
-                                \"US survey foot\",0.304800609601219]]";
+const LONG_ISLAND_FEET: &str = "PROJCS[\"NAD_1983_StatePlane_New_York_Long_Island_FIPS_3104_Feet\",\
+    GEOGCS[\"GCS_North_American_1983\",DATUM[\"D_North_American_1983\",SPHEROID[\"GRS_1980\",6378137.0,\
+    298.257222101]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],\
+    PROJECTION[\"Lambert_Conformal_Conic\"],PARAMETER[\"False_Easting\",984250.0],\
+    PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",-74.0],\
+    PARAMETER[\"Standard_Parallel_1\",41.0333333333333],PARAMETER[\"Standard_Parallel_2\",\
+    40.6666666666667],PARAMETER[\"Latitude_Of_Origin\",40.1666666666667],UNIT[\"US survey foot\",\
+    0.304800609601219]]";
 
-const WEB: &str = "PROJCS[\"WGS_1984_Web_Mercator_Auxiliary_Sphere\",GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\
-                   \"WGS_1984\",6378137.0,298.257223563]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],\
-                   PROJECTION[\"Mercator_Auxiliary_Sphere\"],PARAMETER[\"False_Easting\",0.0],PARAMETER[\
-                   \"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",0.0],PARAMETER[\"Standard_Parallel_1\",0.0],\
-                   PARAMETER[\"Auxiliary_Sphere_Type\",0.0],UNIT[\"Meter\",1.0]]";
+const WEB: &str = "PROJCS[\"WGS_1984_Web_Mercator_Auxiliary_Sphere\",GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",\
+    SPHEROID[\"WGS_1984\",6378137.0,298.257223563]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",\
+    0.0174532925199433]],PROJECTION[\"Mercator_Auxiliary_Sphere\"],PARAMETER[\"False_Easting\",0.0],\
+    PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",0.0],\
+    PARAMETER[\"Standard_Parallel_1\",0.0],PARAMETER[\"Auxiliary_Sphere_Type\",0.0],UNIT[\"Meter\",1.0]]";
 
 /// LV95, whose datum has no shift in this text.
 const SWISS: &str = "PROJCS[\"CH1903+_LV95\",GEOGCS[\"GCS_CH1903+\",DATUM[\"D_CH1903+\",SPHEROID[\"Bessel_1841\",\
-                     6377397.155,299.1528128]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],PROJECTION[\
-                     \"Hotine_Oblique_Mercator_Azimuth_Center\"],PARAMETER[\"False_Easting\",2600000.0],PARAMETER[\
-                     \"False_Northing\",1200000.0],PARAMETER[\"Scale_Factor\",1.0],PARAMETER[\"Azimuth\",90.0],PARAMETER[\
-                     \"Longitude_Of_Center\",7.43958333333333],PARAMETER[\"Latitude_Of_Center\",46.9524055555556],UNIT[\
-                     \"Meter\",1.0]]";
+    6377397.155,299.1528128]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]],\
+    PROJECTION[\"Hotine_Oblique_Mercator_Azimuth_Center\"],PARAMETER[\"False_Easting\",2600000.0],\
+    PARAMETER[\"False_Northing\",1200000.0],PARAMETER[\"Scale_Factor\",1.0],PARAMETER[\"Azimuth\",90.0],\
+    PARAMETER[\"Longitude_Of_Center\",7.43958333333333],PARAMETER[\"Latitude_Of_Center\",\
+    46.9524055555556],UNIT[\"Meter\",1.0]]";
 
 const WGS84_DEGREES: &str = "GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\"WGS_1984\",6378137.0,298.257223563]],\
-                             PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]]";
+    PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",0.0174532925199433]]";
 
 fn of_text(text: &str) -> ReferenceSystem {
     ReferenceSystem::of_text("a.prj", text).unwrap()
@@ -49,8 +49,8 @@ const METRES_DEG: f64 = 5.4e-5;
 
 #[test]
 fn positions_agree_with_another_library() {
-    // pyproj 3.7 (PROJ 9): Transformer.from_crs(code, 4326, always_xy=True). Where it has a grid or better parameters for
-    // the datum, within some metres.
+    // pyproj 3.7 (PROJ 9): Transformer.from_crs(code, 4326, always_xy=True). Where it has a grid or better parameters
+    // for the datum, within some metres.
     for (code, position, expected, error) in [
         ("EPSG:25832", [681_421.23, 5_777_697.61], [52.119_999_963, 11.650_000_031], CENTIMETRE_DEG),
         ("EPSG:32733", [500_000.0, 6_500_000.0], [-31.635_186_220, 15.0], CENTIMETRE_DEG),
