@@ -5,6 +5,7 @@ use nalgebra::Point3;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 
+use super::autopilot::Autopilot;
 use super::ground::Ground;
 use super::track::GeodeticTrack;
 
@@ -42,8 +43,8 @@ pub struct Altitudes {
 }
 
 impl Altitudes {
-    /// The altitudes above `reference`, by default home: the heights of sensor nodes, which may be those of a receiver, do
-    /// not tell that the autopilot has terrain data. The ground at home is `home_ground_m` [m] if it is given.
+    /// The altitudes above `reference`, by default the ground below if the list has hills and the `autopilot` accepts
+    /// that frame, and otherwise home. The ground at home is `home_ground_m` [m] if it is given.
     ///
     /// # Errors
     /// If they are to be above sea level or the ground at home is given, and the list has no altitudes.
@@ -51,6 +52,7 @@ impl Altitudes {
         track: &GeodeticTrack<'_>,
         reference: Option<AltitudeReference>,
         home_ground_m: Option<f64>,
+        autopilot: Option<Autopilot>,
     ) -> Result<Self, InputError> {
         let mut ground = Ground::of(&track.run.list);
         let home = track.points[0].position.xy();
@@ -67,8 +69,13 @@ impl Altitudes {
             let message = "--altitude msl: expected a sensor list with the column ground_m, or another --altitude";
             return Err(InputError::new("scenario", scenario, message));
         }
+        let is_hilly = ground.as_ref().is_some_and(Ground::is_hilly);
+        let default = match autopilot {
+            Some(Autopilot::Ardupilot) if is_hilly => AltitudeReference::Terrain,
+            _ => AltitudeReference::Relative, // PX4 refuses missions in the frame of the terrain
+        };
         let home_ground_m = home_ground_m.or_else(|| ground.as_ref().map(|ground| ground.lowest_m(&home)));
-        Ok(Self { reference: reference.unwrap_or(AltitudeReference::Relative), home_ground_m, ground })
+        Ok(Self { reference: reference.unwrap_or(default), home_ground_m, ground })
     }
 
     /// The ground at home [m], or the level that home is taken to be on.

@@ -45,14 +45,17 @@ pub enum DjiDrone {
 }
 
 impl DjiDrone {
-    /// `droneEnumValue`, `droneSubEnumValue` and `payloadEnumValue`: its own camera, or a payload of others.
-    fn codes(self) -> [u32; 3] {
-        match self {
-            Self::M300 => [60, 0, 65534],
-            Self::M350 => [89, 0, 65534],
-            Self::M30 => [67, 0, 52],
-            Self::Mavic3e => [77, 0, 66],
-        }
+    /// `droneInfo` and `payloadInfo`: its own camera, or a payload of others.
+    fn info(self) -> String {
+        let (drone, kind, payload) = match self {
+            Self::M300 => (60, None, 65534),
+            Self::M350 => (89, None, 65534),
+            Self::M30 => (67, Some(0), 52),
+            Self::Mavic3e => (77, Some(0), 66),
+        };
+        let kind = kind.map_or(String::new(), |kind| element("droneSubEnumValue", kind));
+        let payload = element("payloadEnumValue", payload) + &element("payloadPositionIndex", 0);
+        element("droneInfo", element("droneEnumValue", drone) + &kind) + &element("payloadInfo", payload)
     }
 }
 
@@ -129,7 +132,8 @@ fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {
 /// What both files of a route are written from.
 struct Route {
     waypoints: Vec<RoutePoint>,
-    drone: [u32; 3],
+    /// `droneInfo` and `payloadInfo`.
+    drone: String,
     /// The altitude of the take-off above home [m].
     take_off_m: f64,
     /// The altitude of a return above home [m].
@@ -149,7 +153,7 @@ impl Route {
         let buildings_m = track.zones.iter().filter_map(|zone| zone.height_m);
         Self {
             waypoints: waypoints(part),
-            drone: options.drone.map_or([0; 3], DjiDrone::codes),
+            drone: options.drone.map_or(String::new(), DjiDrone::info),
             take_off_m: rounded(take_off_m.unwrap_or_default().max(LEAST_TAKE_OFF_M)),
             return_m: buildings_m.fold(mission.return_m.unwrap_or(highest_m), f64::max).ceil(),
             geoid_m: options.geoid,
@@ -158,9 +162,6 @@ impl Route {
 
     /// `missionConfig`, with elements that one of the files has `more`.
     fn config(&self, more: &str) -> String {
-        let [drone, kind, payload] = self.drone;
-        let drone = element("droneEnumValue", drone) + &element("droneSubEnumValue", kind);
-        let payload = element("payloadEnumValue", payload) + &element("payloadPositionIndex", 0);
         let parts = [
             element("flyToWaylineMode", "safely"),
             element("finishAction", "goHome"),
@@ -169,8 +170,7 @@ impl Route {
             element("takeOffSecurityHeight", self.take_off_m),
             element("globalTransitionalSpeed", self.waypoints[0].leg_mps),
             more.to_owned(),
-            element("droneInfo", drone),
-            element("payloadInfo", payload),
+            self.drone.clone(),
         ];
         element("missionConfig", parts.concat())
     }

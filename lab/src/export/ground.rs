@@ -78,6 +78,13 @@ impl Ground {
         nearest.take(NEIGHBOURS + 1).map(|(sensor, squared_m2)| (squared_m2.sqrt(), sensor.data))
     }
 
+    /// Whether the altitudes differ.
+    pub fn is_hilly(&self) -> bool {
+        let mut altitudes_m = self.sensors.iter().map(|sensor| sensor.data);
+        let first_m = altitudes_m.next();
+        altitudes_m.any(|altitude_m| Some(altitude_m) != first_m)
+    }
+
     /// The highest that the ground can be at a place [m].
     pub fn highest_m(&self, at: &Position) -> f64 {
         let bound_m = self.neighbours(at).map(|(distance_m, ground_m)| ground_m + self.slope * distance_m);

@@ -24,7 +24,8 @@ pub struct VehicleMissionOptions {
     /// files [default: 500].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
     pub most_items: Option<u32>,
-    /// What the altitudes of a vehicle mission are above [default: relative].
+    /// What the altitudes of a vehicle mission are above [default: terrain for ardupilot if the ground_m of the sensor
+    /// list differ, otherwise relative].
     #[arg(long, value_name = "ABOVE")]
     pub altitude: Option<AltitudeReference>,
     /// The ground at home [m], above what the ground_m of the sensor list are above [default: as low as they allow].
@@ -116,7 +117,7 @@ impl VehicleMissionOptions {
         motion.with(acceleration_mps2, self.jerk)
     }
 
-    /// The hold that the vehicle makes of `hold_s` [s], at least as long. What DJI makes of fractions is not known.
+    /// The hold that the vehicle makes of `hold_s` [s], at least as long. DJI takes whole seconds, whatever its documentation says.
     pub fn hold_s(&self, hold_s: f64) -> f64 {
         if self.drone.is_some() { autopilot::whole_s(hold_s) } else { self.autopilot().hold_s(hold_s) }
     }

@@ -184,9 +184,9 @@ fn origin(export: &Export, scenario: &Scenario) -> Result<Origin, InputError> {
     let refuse = |message| Err(InputError::new("scenario", &scenario.path, message));
     match (scenario.area.origin(), export.origin, export.north) {
         (Some(origin), None, None) | (None, Some(origin), Some(North::True)) => Ok(origin),
-        (Some(_), _, _) => {
-            refuse("it sets area.origin_lat_deg and area.origin_lon_deg, and its y is true north: omit --origin, --north")
-        }
+        (Some(_), _, _) => refuse(
+            "it sets area.origin_lat_deg and area.origin_lon_deg, and its y is true north: omit --origin, --north",
+        ),
         (None, Some(_), None) => refuse(
             "--origin: expected --north true beside it, if y is true north; the y of UTM and national grids is not, by up \
              to 5 degrees: for those give skysink new the list in degrees, or with its --crs",
@@ -276,8 +276,9 @@ fn format_parser() -> impl TypedValueParser<Value = &'static ExportFormat> {
     let names = FORMATS.map(|format| PossibleValue::new(format.name).help(format.about));
     let names = names.into_iter().chain([PossibleValue::new(PARQUET).hide(true)]);
     let find = |name: String| FORMATS.into_iter().find(|format| format.name == name);
-    PossibleValuesParser::new(names)
-        .try_map(move |name| find(name).ok_or("Python writes it: skysink.parquet(RUN), after pip install './python[frames]'"))
+    PossibleValuesParser::new(names).try_map(move |name| {
+        find(name).ok_or("Python writes it: skysink.parquet(RUN), after pip install './python[frames]'")
+    })
 }
 
 #[cfg(test)]

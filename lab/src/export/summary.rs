@@ -116,7 +116,7 @@ fn return_altitude(options: &VehicleMissionOptions, mission: &VehicleMission) ->
     let highest_m = mission.parts.iter().filter_map(|part| part.highest_m).reduce(f64::max);
     let high = highest_m.map_or(String::new(), |highest_m| format!("up to {highest_m:.0} m above the ground; "));
     let parameter = match options.autopilot() {
-        _ if options.drone.is_some() => "globalRTHHeight of the file is so".to_owned(),
+        _ if options.drone.is_some() => "the file has it as globalRTHHeight".to_owned(),
         Autopilot::Px4 => format!("RTL_RETURN_ALT = {return_m}"),
         // ArduCopter counts in metres since 4.7, in centimetres before.
         Autopilot::Ardupilot => format!("RTL_ALT_M = {return_m}, before ArduCopter 4.7 RTL_ALT = {}", 100.0 * return_m),

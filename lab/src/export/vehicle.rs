@@ -77,7 +77,7 @@ impl MissionPart {
 /// takes longer or more energy than the UAV has.
 pub fn plan(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<VehicleMission, InputError> {
     let scenario = &track.run.scenario;
-    let altitudes = Altitudes::of(track, options.altitude, options.home_ground)?;
+    let altitudes = Altitudes::of(track, options.altitude, options.home_ground, options.autopilot)?;
     let planner = MissionPlanner { track, options, altitudes, airspace: scenario.airspace() };
     let flown = stops::merge(track);
     let stops = stops::with_bits(&flown, options.min_bits, planner.home(), &planner.airspace);

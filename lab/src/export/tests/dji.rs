@@ -66,7 +66,8 @@ fn checked(run: &RecordedRun, options: &VehicleMissionOptions) -> Result<Vec<Str
 fn documents(run: &RecordedRun, options: &VehicleMissionOptions) -> [Element; 2] {
     let WriteFormat::Mission(format) = &dji::FORMAT.write else { panic!("{:?}", dji::FORMAT) };
     checked(run, options).unwrap();
-    let [track, mission] = [&track(run), &mission(run, options)];
+    let track = &track(run);
+    let mission = &mission(run, options);
     let exported = ExportedMission { track, mission, options, fence: Vec::new() };
     let bytes = (format.write)(&exported, &mission.parts[0]);
     assert_eq!(bytes, (format.write)(&exported, &mission.parts[0]), "the same bytes at any time");
@@ -81,7 +82,18 @@ fn documents(run: &RecordedRun, options: &VehicleMissionOptions) -> [Element; 2]
 
 /// 10 m at 10 m/s with a hold of 0.25 s and a slot, 5 m at 5 m/s, and back.
 fn short() -> RecordedRun {
-    run(&[(10.0, Some(1)), (0.0, Some(1)), (5.0, Some(1))])
+    at_most(10.0, run(&[(10.0, Some(1)), (0.0, Some(1)), (5.0, Some(1))]))
+}
+
+/// The run of a UAV with this top speed [m/s].
+fn at_most(speed_mps: f64, mut run: RecordedRun) -> RecordedRun {
+    run.scenario.uav.max_speed_mps = speed_mps;
+    run
+}
+
+/// A flight of two legs over ground at 500 m.
+fn on_a_plateau() -> RecordedRun {
+    at_most(10.0, run_in("", "x_m,y_m,ground_m\n0,0,500\n400,0,500\n", &[(10.0, Some(1)), (5.0, Some(1))]))
 }
 
 #[test]
@@ -101,7 +113,8 @@ fn both_files_have_the_elements_that_the_format_requires_in_its_order() {
     assert_eq!(folder.names(), [&head[..], &turns, &["Placemark"; 3]].concat());
     let placemarks = folder.all("Placemark");
     let global = ["useGlobalHeadingParam", "useGlobalTurnParam"];
-    let placemark = ["Point", "index", "ellipsoidHeight", "height", "useGlobalHeight", "useGlobalSpeed", "waypointSpeed"];
+    let placemark =
+        ["Point", "index", "ellipsoidHeight", "height", "useGlobalHeight", "useGlobalSpeed", "waypointSpeed"];
     assert_eq!(placemarks[2].names(), [&placemark[..], &global].concat());
     assert_eq!(placemarks[0].names(), [&placemark[..], &global, &["actionGroup"]].concat());
     let folder = of_waylines.child("Folder");
@@ -111,7 +124,8 @@ fn both_files_have_the_elements_that_the_format_requires_in_its_order() {
     let placemark = ["Point", "index", "executeHeight", "waypointSpeed", "waypointHeadingParam", "waypointTurnParam"];
     assert_eq!(placemarks[2].names(), placemark);
     let hover = placemarks[0].child("actionGroup");
-    let ids = ["actionGroupId", "actionGroupStartIndex", "actionGroupEndIndex", "actionGroupMode", "actionTrigger", "action"];
+    let ids =
+        ["actionGroupId", "actionGroupStartIndex", "actionGroupEndIndex", "actionGroupMode", "actionTrigger", "action"];
     assert_eq!(hover.names(), ids);
     assert_eq!(hover.child("action").child("actionActuatorFunc").text, "hover");
 }
@@ -123,15 +137,20 @@ fn places_speeds_and_hovers_are_those_of_the_mission() {
     let [template, waylines] = documents(&short(), &with_drone());
     let config = waylines.child("Document").child("missionConfig");
     assert_eq!(config.number("globalTransitionalSpeed"), 10.0);
-    assert_eq!([config.child("droneInfo").number("droneEnumValue"), config.number("takeOffSecurityHeight")], [67.0, 20.0]);
+    assert_eq!(
+        [config.child("droneInfo").number("droneEnumValue"), config.number("takeOffSecurityHeight")],
+        [67.0, 20.0]
+    );
     assert_eq!([config.number("globalRTHHeight")], [20.0]);
     let placemarks = waylines.child("Document").child("Folder").all("Placemark");
     let speeds: Vec<f64> = placemarks.iter().map(|waypoint| waypoint.number("waypointSpeed")).collect();
-    assert_eq!(speeds, [5.0, 30.0_f64.min(15.0), 15.0]);
+    assert_eq!(speeds, [5.0, 10.0, 10.0]);
     let hovers: Vec<&str> = placemarks
         .iter()
         .filter(|waypoint| waypoint.names().contains(&"actionGroup"))
-        .map(|waypoint| &waypoint.child("actionGroup").child("action").child("actionActuatorFuncParam").child("hoverTime").text[..])
+        .map(|waypoint| {
+            &waypoint.child("actionGroup").child("action").child("actionActuatorFuncParam").child("hoverTime").text[..]
+        })
         .collect();
     assert_eq!(hovers, ["2", "1"], "1.25 s and 0.25 s");
     let place = &placemarks[0].child("Point").child("coordinates").text;
@@ -148,12 +167,11 @@ fn places_speeds_and_hovers_are_those_of_the_mission() {
 
 #[test]
 fn heights_are_above_home_or_above_the_ellipsoid() {
-    let hilly = run_in("", "x_m,y_m,ground_m\n0,0,500\n400,0,500\n", &[(10.0, Some(1)), (5.0, Some(1))]);
+    let hilly = on_a_plateau();
     let mode = |kml: &Element, name: &str| kml.child("Document").child("Folder").child(name).text.clone();
     let relative = documents(&hilly, &with_drone());
     assert_eq!(mode(&relative[1], "executeHeightMode"), "relativeToStartPoint");
-    let options =
-        VehicleMissionOptions { altitude: Some(AltitudeReference::Msl), geoid: Some(47.25), ..with_drone() };
+    let options = VehicleMissionOptions { altitude: Some(AltitudeReference::Msl), geoid: Some(47.25), ..with_drone() };
     let [template, waylines] = documents(&hilly, &options);
     assert_eq!(mode(&waylines, "executeHeightMode"), "WGS84");
     let system = template.child("Document").child("Folder").child("waylineCoordinateSysParam");
@@ -167,14 +185,18 @@ fn heights_are_above_home_or_above_the_ellipsoid() {
 #[test]
 fn what_the_format_does_not_hold_is_refused() {
     let slow = short();
-    let hilly = run_in("", "x_m,y_m,ground_m\n0,0,500\n400,0,500\n", &[(10.0, Some(1)), (5.0, Some(1))]);
+    let hilly = on_a_plateau();
     let with = |altitude, geoid| VehicleMissionOptions { altitude, geoid, ..with_drone() };
     for (run, options, expected) in [
         (&slow, VehicleMissionOptions { drone: None, ..with_drone() }, "--format dji: expected --drone"),
         (&slow, with(Some(AltitudeReference::Terrain), None), "--altitude terrain: a route file has no altitudes"),
         (&hilly, with(Some(AltitudeReference::Msl), None), "--altitude msl, --geoid: expected both"),
         (&slow, with(None, Some(47.0)), "--altitude msl, --geoid: expected both"),
-        (&run(&[(20.0, Some(1)), (20.0, Some(1))]), with_drone(), "a leg at 20 m/s: expected at most 15 m/s"),
+        (
+            &at_most(20.0, run(&[(20.0, Some(1)), (9.0, Some(1))])),
+            with_drone(),
+            "a leg at 20 m/s: expected at most 15 m/s",
+        ),
         (&run(&[(0.0, Some(1))]), with_drone(), "a single waypoint"),
     ] {
         let text = checked(run, &options).unwrap_err();

@@ -3,6 +3,7 @@
 use super::*;
 use crate::export::duration::TimedPosition;
 use crate::export::separation;
+use skysink_common::geometry::Position;
 
 /// A run of UAVs that fly from their starts [m] to these places [m], one in each slot.
 fn fleet(more: &str, starts: &[[f64; 2]], places: &[&[[f64; 2]]]) -> RecordedRun {
@@ -51,9 +52,8 @@ fn sampled_m(missions: &[VehicleMission], delays_s: &[f64]) -> f64 {
     let mut least_m = f64::INFINITY;
     for step in 0..100_000 {
         let time_s = f64::from(step) * 0.1;
-        let places = missions.iter().zip(delays_s).map(|(mission, delay_s)| {
-            place(&mission.parts[0].timeline, time_s - delay_s)
-        });
+        let places =
+            missions.iter().zip(delays_s).map(|(mission, delay_s)| place(&mission.parts[0].timeline, time_s - delay_s));
         let places: Vec<Position> = places.flatten().collect();
         for (index, first) in places.iter().enumerate() {
             least_m = places[..index].iter().map(|second| (first - second).norm()).fold(least_m, f64::min);
@@ -97,7 +97,10 @@ fn uavs_of_one_home_start_when_that_before_has_landed() {
     let missions = missions(&run);
     let delays_s = delays_s(&separation::lines(&run.scenario, &missions, true).unwrap(), 3);
     let durations_s: Vec<f64> = missions.iter().map(|mission| mission.parts[0].effort.duration_s).collect();
-    assert!(delays_s[1] >= durations_s[0] && delays_s[2] >= delays_s[1] + durations_s[1], "{delays_s:?}, {durations_s:?}");
+    assert!(
+        delays_s[1] >= durations_s[0] && delays_s[2] >= delays_s[1] + durations_s[1],
+        "{delays_s:?}, {durations_s:?}"
+    );
 }
 
 #[test]

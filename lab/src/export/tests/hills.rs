@@ -18,11 +18,9 @@ fn altitudes_above_home_or_sea_level_clear_every_leg() {
     let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
     let run = run_in("", &hilly_list(), &steps);
     let at = |altitude| mission(&run, &VehicleMissionOptions { altitude, ..forever() });
-    for autopilot in [None, Some(Autopilot::Ardupilot)] {
-        let default = mission(&run, &VehicleMissionOptions { autopilot, ..forever() });
-        assert_eq!(default.reference, AltitudeReference::Relative, "heights alone make no mission above the ground");
-    }
-    let terrain = at(Some(AltitudeReference::Terrain));
+    assert_eq!(at(None).reference, AltitudeReference::Relative, "the default of PX4, which refuses that frame");
+    let terrain = mission(&run, &VehicleMissionOptions { autopilot: Some(Autopilot::Ardupilot), ..forever() });
+    assert_eq!(terrain.reference, AltitudeReference::Terrain, "the default of ArduPilot over hills");
     assert!(waypoints(&terrain.parts[0].items).iter().all(|(_, altitude_m, _)| *altitude_m == 20.0));
     for reference in [AltitudeReference::Relative, AltitudeReference::Msl] {
         let items = at(Some(reference)).parts.remove(0).items;

@@ -89,11 +89,7 @@ fn cases() -> Vec<Case> {
     };
     vec![
         Case { zone_m: Some(0.0), ..around("past the corner of a zone", zone(square)) },
-        Case {
-            zone_m: Some(1.5),
-            near: [2, 2],
-            ..Case::new("along a zone", zone(HALL), [20.0, 48.5], [180.0, 48.5])
-        },
+        Case { zone_m: Some(1.5), near: [2, 2], ..Case::new("along a zone", zone(HALL), [20.0, 48.5], [180.0, 48.5]) },
         Case { zone_m: Some(3.0), ..Case::new("towards a zone", zone(HALL), [100.0, 20.0], [100.0, 47.0]) },
         // The line x + y = 80 m, and the corner (50, 50).
         Case {
@@ -105,30 +101,20 @@ fn cases() -> Vec<Case> {
             near: [2, 2],
             ..Case::new("past a pond, far from both ends", zone(pond), [20.0, 30.0], [180.0, 30.0])
         },
-        Case {
-            zone_m: Some(3.0),
-            fence_m: 30.0,
-            ..Case::new("into a bay", zone(bay), [100.0, 170.0], [100.0, 63.0])
-        },
+        Case { zone_m: Some(3.0), fence_m: 30.0, ..Case::new("into a bay", zone(bay), [100.0, 170.0], [100.0, 63.0]) },
         Case {
             zone_m: Some(4.0),
             fence_m: 50.0,
             ..Case::new("in the box of a far zone", zone(angle) + &zone(beside), [100.0, 100.0], [150.0, 150.0])
         },
-        Case {
-            building_m: Some(5.0),
-            ..Case::new("past a tower", building(50.0, HALL), [20.0, 45.0], [180.0, 45.0])
-        },
+        Case { building_m: Some(5.0), ..Case::new("past a tower", building(50.0, HALL), [20.0, 45.0], [180.0, 45.0]) },
         Case {
             building_m: Some(0.5),
             near: [2, 2],
             ..Case::new("over a roof", building(19.5, HALL), [20.0, 75.0], [180.0, 75.0])
         },
         // 3 m beside and 4 m above.
-        Case {
-            building_m: Some(5.0),
-            ..Case::new("beside a roof", building(16.0, HALL), [20.0, 47.0], [180.0, 47.0])
-        },
+        Case { building_m: Some(5.0), ..Case::new("beside a roof", building(16.0, HALL), [20.0, 47.0], [180.0, 47.0]) },
         // A climb of 1 in 5 from (10, 12), in x and z, past the eaves at (40, 10): (30 · 0.2 + 2)/√1.04.
         Case {
             start: [10.0, 75.0, 12.0],
@@ -312,7 +298,11 @@ fn the_corners_of_all_polygons_of_a_geofence_count() {
         let run = flown(&area, [50.0, 50.0, 20.0], &[[100.0, 50.0, 20.0]]);
         warned(&run, &mission(&run, &forever()), Some(0.0))
     };
-    assert!(said(12, "").contains("a geofence of 124 corners in 13 polygons: many vehicles take 60"), "{}", said(12, ""));
+    assert!(
+        said(12, "").contains("a geofence of 124 corners in 13 polygons: many vehicles take 60"),
+        "{}",
+        said(12, "")
+    );
     let square = "[[80.0, 80.0], [99.0, 80.0], [99.0, 99.0], [80.0, 99.0]]";
     assert!(said(6, &building(30.0, square)).contains("a geofence of 68 corners in 8 polygons"));
     assert!(said(6, &building(10.0, square)).contains("a geofence of 64 corners in 7 polygons"));
