@@ -88,7 +88,7 @@ mod tests {
     use strum::EnumCount as _;
 
     fn of(keys: &str, held_slots: u64, refused: u64, pad_wait_s: f64) -> Option<String> {
-        let text = format!("name = 'a'\nslots = 500\nslot_s = 2.0\n{keys}");
+        let text = format!("name = 'a'\nslots = 250\nslot_s = 2.0\n{keys}");
         let scenario = Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap();
         let mut values: MetricValues = [f64::NAN; Metric::COUNT];
         values[Metric::HeldSlots as usize] = held_slots as f64;
@@ -99,18 +99,18 @@ mod tests {
 
     #[test]
     fn more_than_one_slot_in_a_hundred_is_named() {
-        assert_eq!(of("", 5, 5, f64::NAN), None);
-        assert_eq!(of("", 6, 0, f64::NAN).unwrap(), "6 of 500 slots held, 0 requests refused");
-        assert_eq!(of("", 0, 6, f64::NAN).unwrap(), "0 of 500 slots held, 6 requests refused");
-        // 10 of 1000 slots of two UAVs; what they refuse each other does not count.
+        assert_eq!(of("", 2, 2, f64::NAN), None);
+        assert_eq!(of("", 3, 0, f64::NAN).unwrap(), "3 of 250 slots held, 0 requests refused");
+        assert_eq!(of("", 0, 3, f64::NAN).unwrap(), "0 of 250 slots held, 3 requests refused");
+        // 5 of 500 slots of two UAVs; what they refuse each other does not count.
         let fleet = "[uav]\ncount = 2\n";
-        assert_eq!(of(fleet, 10, 900, f64::NAN), None);
-        assert_eq!(of(fleet, 11, 900, f64::NAN).unwrap(), "11 of 1000 slots held, 900 requests refused");
+        assert_eq!(of(fleet, 5, 900, f64::NAN), None);
+        assert_eq!(of(fleet, 6, 900, f64::NAN).unwrap(), "6 of 500 slots held, 900 requests refused");
     }
 
     #[test]
     fn waits_for_a_pad_are_no_refusals() {
-        assert_eq!(of("", 0, 40, 80.0), None);
-        assert_eq!(of("", 0, 46, 80.0).unwrap(), "0 of 500 slots held, 46 requests refused");
+        assert_eq!(of("", 0, 42, 80.0), None); // 40 slots of 2 s
+        assert_eq!(of("", 0, 43, 80.0).unwrap(), "0 of 250 slots held, 43 requests refused");
     }
 }
