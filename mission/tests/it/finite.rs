@@ -30,7 +30,8 @@ fn ended_by(slot: u64, x_m: f64) -> (u64, String) {
 #[test]
 fn the_error_names_the_strategy_the_slot_and_the_waypoint() {
     for (x_m, text) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (f64::NEG_INFINITY, "-inf")] {
-        let expected = format!("strategy uts: slot 7, UAV 0: waypoint [{text}, 50, 20]: expected finite coordinates [m]");
+        let expected =
+            format!("strategy uts: slot 7, UAV 0: waypoint [{text}, 50, 20]: expected finite coordinates [m]");
         assert_eq!(ended_by(7, x_m), (6, expected));
     }
     let (flown, error) = ended_by(7, 1e9); // out of reach: refused, and the mission goes on
