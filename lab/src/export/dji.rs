@@ -16,8 +16,8 @@ use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
 use super::vehicle::{MissionPart, VehicleMission};
 
-/// The same mission for DJI's `--drone`: a stop at each waypoint, a hover action for each hold, then the return home; above
-/// home, or with `--altitude msl --geoid M` above the ellipsoid. No geofence. **Not flown.**
+/// The same mission for DJI's `--drone`: a stop at each waypoint, a hover action for each hold, then the return home. No
+/// aircraft has flown one; the format has no geofence.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "dji",
     about: "KMZ with DJI's WPML, for Matrice 300, 350, 30 and Mavic 3E: a vehicle's mission, no geofence; not flown",
@@ -71,7 +71,9 @@ fn check(mission: &VehicleMission, options: &VehicleMissionOptions) -> Result<Ve
     let is_msl = mission.reference == AltitudeReference::Msl;
     let fastest_mps = mission.parts.iter().flat_map(waypoints).map(|waypoint| waypoint.leg_mps).fold(0.0, f64::max);
     if options.drone.is_none() {
-        return Err("--format dji: expected --drone, the aircraft that the file is for".to_owned());
+        return Err(
+            "--format dji: expected --drone m300, m350, m30 or mavic-3e, the aircraft that the file is for".to_owned()
+        );
     }
     if options.autopilot.is_some() {
         return Err("--autopilot: DJI's aircraft have their own: omit this option".to_owned());

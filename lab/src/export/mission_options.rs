@@ -117,7 +117,8 @@ impl VehicleMissionOptions {
         motion.with(acceleration_mps2, self.jerk)
     }
 
-    /// The hold that the vehicle makes of `hold_s` [s], at least as long. DJI takes whole seconds, whatever its documentation says.
+    /// The hold that the vehicle makes of `hold_s` [s], at least as long. DJI takes whole seconds, against its
+    /// documentation.
     pub fn hold_s(&self, hold_s: f64) -> f64 {
         if self.drone.is_some() { autopilot::whole_s(hold_s) } else { self.autopilot().hold_s(hold_s) }
     }
