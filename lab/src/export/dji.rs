@@ -1,7 +1,7 @@
 //! DJI's route file: a KMZ archive with WPML, `template.kml` for editing and `waylines.wpml` for the aircraft.
 //!
-//! Format: DJI's Cloud API, "DJI WPML", 1.0.2: the elements that it requires of a route of waypoints, in the order of its
-//! samples. No aircraft has flown a file of this format.
+//! Format: DJI's Cloud API, "DJI WPML", 1.0.2: the elements that it requires of a route of waypoints, in the order of
+//! its samples. No aircraft has flown a file of this format.
 
 use std::io::{Cursor, Write};
 
@@ -16,8 +16,8 @@ use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
 use super::vehicle::{MissionPart, VehicleMission};
 
-/// The same mission for DJI's `--drone`: a stop at each waypoint, a hover action for each hold, then the return home. No
-/// aircraft has flown one; the format has no geofence.
+/// The same mission for DJI's `--drone`: a stop at each waypoint, a hover action for each hold, then the return home.
+/// No aircraft has flown one; the format has no geofence.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "dji",
     about: "KMZ with DJI's WPML, for Matrice 300, 350, 30 and Mavic 3E: a vehicle's mission, no geofence; not flown",

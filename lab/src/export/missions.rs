@@ -20,7 +20,8 @@ pub struct RenderedMissions {
 /// Plans, checks and writes the missions of these tracks, one for each UAV.
 ///
 /// # Errors
-/// If a vehicle must not or cannot fly a mission, the format does not hold it, or UAVs would come too near to each other.
+/// If a vehicle must not or cannot fly a mission, the format does not hold it, or UAVs would come too near to each
+/// other.
 pub fn render(
     format: &MissionFormat,
     tracks: &[GeodeticTrack<'_>],

@@ -184,12 +184,12 @@ fn origin(export: &Export, scenario: &Scenario) -> Result<Origin, InputError> {
     let refuse = |message| Err(InputError::new("scenario", &scenario.path, message));
     match (scenario.area.origin(), export.origin, export.north) {
         (Some(origin), None, None) | (None, Some(origin), Some(North::True)) => Ok(origin),
-        (Some(_), _, _) => refuse(
-            "it sets area.origin_lat_deg and area.origin_lon_deg, and its y is true north: omit --origin, --north",
-        ),
+        (Some(_), _, _) => {
+            refuse("it sets area.origin_lat_deg, area.origin_lon_deg, and its y is true north: omit --origin, --north")
+        }
         (None, Some(_), None) => refuse(
-            "--origin: expected --north true beside it, if y is true north; the y of UTM and national grids is not, by up \
-             to 5 degrees: for those give skysink new the list in degrees, or with its --crs",
+            "--origin: expected --north true beside it, if y is true north; the y of UTM and national grids is not, by \
+             up to 5 degrees: for those give skysink new the list in degrees, or with its --crs",
         ),
         (None, None, _) => refuse(
             "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON, the south-west corner of the area \

@@ -26,12 +26,12 @@ pub struct Approach {
     pub at: Position,
 }
 
-/// What the summary says about the distances of a fleet; nothing for a single UAV. With `stagger` the UAVs start one after
-/// the other where that keeps them apart.
+/// What the summary says about the distances of a fleet; nothing for a single UAV. With `stagger` the UAVs start one
+/// after the other where that keeps them apart.
 ///
 /// # Errors
-/// If UAVs would come nearer to each other than `uav.separation_m` and are not to be staggered, or `stagger` has nothing
-/// to do.
+/// If UAVs would come nearer to each other than `uav.separation_m` and are not to be staggered, or `stagger` has
+/// nothing to do.
 pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) -> Result<Vec<String>, InputError> {
     let refuse = |what: String| Err(InputError::new("scenario", &scenario.path, what));
     if missions.len() < 2 {
@@ -40,7 +40,8 @@ pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) ->
     let at_once = vec![0.0; missions.len()];
     let nearest = nearest(missions, &at_once);
     let mut lines = vec![format!(
-        "warning: {} missions that do not know of each other, and are not in time with the plan: keep them apart yourself",
+        "warning: {} missions that do not know of each other, and are not in time with the plan: keep them apart \
+         yourself",
         missions.len()
     )];
     let Some(separation_m) = scenario.uav.separation_m else {
@@ -66,8 +67,9 @@ pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) ->
     }
     let [first, second] = uavs;
     refuse(format!(
-        "by the estimated times UAV {first} and UAV {second} come within {distance_m:.1} m of each other {time_s:.0} s after \
-         they start, at ({:.1} m, {:.1} m), less than uav.separation_m = {separation_m}: pass --stagger, to start {starts}",
+        "by the estimated times UAV {first} and UAV {second} come within {distance_m:.1} m of each other {time_s:.0} s \
+         after they start, at ({:.1} m, {:.1} m), less than uav.separation_m = {separation_m}: pass --stagger, to \
+         start {starts}",
         at.x, at.y
     ))
 }
@@ -78,7 +80,8 @@ fn stay_apart(nearest: Option<Approach>, condition: &str) -> String {
         return format!("by the estimated times no two UAVs are in the air at once {condition}");
     };
     format!(
-        "by the estimated times UAVs stay {distance_m:.1} m apart {condition} (UAV {first} and UAV {second} at {time_s:.0} s)"
+        "by the estimated times UAVs stay {distance_m:.1} m apart {condition} (UAV {first} and UAV {second} at \
+         {time_s:.0} s)"
     )
 }
 

@@ -9,8 +9,8 @@ use super::stops::VehicleStop;
 use super::track::GeodeticTrack;
 use super::vehicle::{MissionPart, VehicleMission};
 
-/// A line for each fact: what was merged and what omitted, home and altitudes, how near legs come to obstacles, the time
-/// of each part, and the altitude of a return.
+/// A line for each fact: what was merged and what omitted, home and altitudes, how near legs come to obstacles, the
+/// time of each part, and the altitude of a return.
 pub fn lines(
     track: &GeodeticTrack<'_>,
     options: &VehicleMissionOptions,

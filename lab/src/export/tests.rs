@@ -1,5 +1,5 @@
-//! Tests of vehicle missions; over hills in `hills`, of logs in `logs`, of legs in `legs`, of fleets in `fleets`, of DJI's
-//! format in `dji`.
+//! Tests of vehicle missions; over hills in `hills`, of logs in `logs`, of legs in `legs`, of fleets in `fleets`, of
+//! DJI's format in `dji`.
 
 mod dji;
 mod fleets;

@@ -50,8 +50,8 @@ pub struct VehicleMission {
 pub struct MissionPart {
     /// Its items, without home.
     pub items: Vec<VehicleItem>,
-    /// Home at the altitude of the take-off and the waypoints [m]; z is the altitude above the ground below, as the model
-    /// flies.
+    /// Home at the altitude of the take-off and the waypoints [m]; z is the altitude above the ground below, as the
+    /// model flies.
     pub path: Vec<Point3<f64>>,
     /// The time and energy that it takes.
     pub effort: MissionEffort,

@@ -46,8 +46,8 @@ fn near_home(clearance: &MissionClearance) -> Option<String> {
     let place = if home_m < 0.0 { "outside of the geofence" } else { "from the geofence" };
     let away_m = home_m.abs();
     Some(format!(
-        "home is {away_m:.1} m {place}, expected {margin_m} m inside: vehicles do not arm there, or breach it as they take off: \
-         widen it with --fence-margin"
+        "home is {away_m:.1} m {place}, expected {margin_m} m inside: vehicles do not arm there, or breach it as they \
+         take off: widen it with --fence-margin"
     ))
 }
 
@@ -76,8 +76,8 @@ fn many_corners(track: &GeodeticTrack<'_>, of_border: usize) -> Option<String> {
     let of = if polygons == 1 { "1 polygon".to_owned() } else { format!("{polygons} polygons") };
     (corners > MAX_CORNERS).then(|| {
         format!(
-            "a geofence of {corners} corners in {of}: many vehicles take {MAX_CORNERS} in all, and refuse the upload or drop \
-             the fence: draw boundary, zones and buildings with fewer"
+            "a geofence of {corners} corners in {of}: many vehicles take {MAX_CORNERS} in all, and refuse the upload \
+             or drop the fence: draw boundary, zones and buildings with fewer"
         )
     })
 }

@@ -27,8 +27,8 @@ fn check(mission: &VehicleMission, options: &VehicleMissionOptions) -> Result<Ve
     options.check_no_dji()?;
     let frame = AltitudeReference::Terrain as u8;
     let warning = format!(
-        "warning: frame {frame}, above the ground below: QGroundControl reads it from this format as above sea level; open the \
-         file with Mission Planner or MAVProxy, or use qgc-plan, or --altitude relative"
+        "warning: frame {frame}, above the ground below: QGroundControl reads it from this format as above sea level; \
+         open the file with Mission Planner or MAVProxy, or use qgc-plan, or --altitude relative"
     );
     Ok(if mission.reference == AltitudeReference::Terrain { vec![warning] } else { Vec::new() })
 }

@@ -130,8 +130,8 @@ fn both_files_have_the_elements_that_the_format_requires_in_its_order() {
     assert_eq!(hover.child("action").child("actionActuatorFunc").text, "hover");
 }
 
-/// The speed at a waypoint is that of the leg from it. Holds are whole seconds. East of the origin on the equator 10 m are
-/// 10/6378137 · 180°/π = 0.000089832°.
+/// The speed at a waypoint is that of the leg from it. Holds are whole seconds. East of the origin on the equator 10 m
+/// are 10/6378137 · 180°/π = 0.000089832°.
 #[test]
 fn places_speeds_and_hovers_are_those_of_the_mission() {
     let [template, waylines] = documents(&short(), &with_drone());

@@ -10,8 +10,8 @@ fn fleet(more: &str, starts: &[[f64; 2]], places: &[&[[f64; 2]]]) -> RecordedRun
     let slots = places[0].len();
     let count = starts.len();
     let text = format!(
-        "name = \"a\"\nslots = {slots}\n[area]\nside_m = 1e4\n[uav]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.5\ncount = \
-         {count}\nstarts_m = {starts:?}\n{more}"
+        "name = \"a\"\nslots = {slots}\n[area]\nside_m = 1e4\n[uav]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.5\n\
+         count = {count}\nstarts_m = {starts:?}\n{more}"
     );
     let scenario = Scenario::parse(&text, Path::new("a"), Overrides::default()).unwrap();
     let list = SensorList::parse("x_m,y_m\n1,1\n2,2\n", Path::new("l"), &scenario).unwrap();

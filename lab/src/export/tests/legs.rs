@@ -8,7 +8,7 @@ use crate::export::vehicle::MissionPart;
 /// Points along a leg that are compared.
 const POINTS: u32 = 20_000;
 
-/// A run over 200 m × 200 m from `start` [m], whose altitude is that of the start, that serves in every one of `places`.
+/// A run over 200 m × 200 m from `start` [m], whose altitude is that of the start, that serves in all of `places`.
 fn flown(area: &str, start: [f64; 3], places: &[[f64; 3]]) -> RecordedRun {
     let text = format!(
         "name = \"a\"\nslots = {}\n[area]\nside_m = 200.0\n{area}\n[uav]\nstart_m = [{:?}, {:?}]\naltitude_m = {:?}\n",
@@ -48,7 +48,7 @@ fn building(height_m: f64, corners: &str) -> String {
 
 const HALL: &str = "[[50.0, 50.0], [150.0, 50.0], [150.0, 100.0], [50.0, 100.0]]";
 
-/// A flight, and the least distances of its legs [m] to zones, buildings, the boundary and the ground, as worked by hand.
+/// A flight, and the least distances of its legs [m] to zones, buildings, the boundary and the ground, by hand.
 struct Case {
     name: &'static str,
     area: String,
@@ -74,8 +74,8 @@ impl Case {
 fn cases() -> Vec<Case> {
     let square = "[[80.0, 80.0], [199.0, 80.0], [199.0, 199.0], [80.0, 199.0]]";
     let corner = vec![[80.0, 80.0, 20.0], [190.0, 70.0, 20.0]]; // and back the same way
-    let bay = "[[50.0, 50.0], [150.0, 50.0], [150.0, 150.0], [140.0, 150.0], [140.0, 60.0], [60.0, 60.0], [60.0, 150.0], \
-               [50.0, 150.0]]";
+    let bay = "[[50.0, 50.0], [150.0, 50.0], [150.0, 150.0], [140.0, 150.0], [140.0, 60.0], [60.0, 60.0], \
+               [60.0, 150.0], [50.0, 150.0]]";
     let angle = "[[20.0, 20.0], [180.0, 20.0], [180.0, 30.0], [30.0, 30.0], [30.0, 180.0], [20.0, 180.0]]";
     let beside = "[[154.0, 150.0], [160.0, 150.0], [160.0, 156.0], [154.0, 156.0]]";
     let pond = "[[100.0, 31.2], [102.0, 31.2], [102.0, 33.2], [100.0, 33.2]]";
