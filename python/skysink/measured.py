@@ -103,10 +103,7 @@ def create(options: Namespace) -> None:
 def draft_around(log: FlightLog, sensors: Path, options: Namespace) -> Draft:
     """The draft whose area encloses the sensor nodes and the flight."""
     zones = [f"--zones={options.zones}"] if options.zones else []
-    if not log.is_plane or not zones:
-        alone = Draft.new(options.name, sensors, zones if not log.is_plane else [])
-    else:
-        alone = Draft.new(options.name, sensors, zones)  # which refuses metres
+    alone = Draft.new(options.name, sensors, zones)
     if alone.is_plane != log.is_plane:
         expected = "expected positions as in the flight log, all in metres or all in degrees"
         raise InputError(f"sensor positions {sensors}: {expected}")

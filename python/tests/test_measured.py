@@ -98,6 +98,8 @@ def test_positions_in_metres_become_a_map_and_a_fixed_flight() -> None:
     with Path("out", "track.csv").open(newline="") as file:
         track = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
     assert track == [(10.0 + at, 40.0) for at in range(141)]
+    flown = skysink.simulate(Path("out", "aerial.toml"), "horizon")
+    assert len(flown) == 140 and 0.0 <= flown.loss_rate < 1.0
     write(HEAD + "-2,10,40,5,,\n" + rows(range(0, 141)))
     assert make() == keys, "the climb is left out"
 
