@@ -189,7 +189,7 @@ mod tests {
         let nodes = [[50.1, 7.2], [50.102, 7.202]];
         let swapped = [[7.199, 50.099], [7.199, 50.103], [7.203, 50.103], [7.203, 50.099]];
         let message = around(&[&nodes[..], &swapped].concat(), 2).err().unwrap();
-        assert!(message.starts_with("c: 7.199,50.0"), "{message}");
+        assert!(message.starts_with("c: 7.199,50.1"), "{message}");
         assert!(message.ends_with("; is its longitude first, where latitude is expected, or the other way round?"));
         let message = around(&[nodes[0], nodes[1], [50.1, -7.2], [-60.0, 100.0]], 2).err().unwrap();
         assert!(message.starts_with("c: -60,100: half the Earth from the middle"), "{message}");

@@ -26,6 +26,12 @@ pub const HOME: &str = "home";
 /// Depth in a zone that counts as its edge, relative to the area.
 const ROUNDING: f64 = 1e-9;
 
+/// How often the legs that have to end with a slot are looked for, before all do.
+const MOST_ATTEMPTS: usize = 50;
+
+/// A flight that is longer by less is as long [s].
+const LEAST_LONGER_S: f64 = 0.05;
+
 /// Shortest slot with a radio by name [s].
 const LEAST_SLOT_S: f64 = 1.0;
 
@@ -52,6 +58,23 @@ impl SlottedFlight {
     /// How long the plan flies [s].
     fn flown_s(&self) -> f64 {
         self.points[self.points.len() - 1].point.time_s
+    }
+
+    /// The legs that end within a slot whose straight way is `crossed`.
+    fn legs_cut(&self, slot_s: f64, crossed: impl Fn(&Position, &Position) -> bool) -> Vec<usize> {
+        let mut legs = Vec::new();
+        let mut next = 0;
+        for (slot, pair) in self.ends.windows(2).enumerate() {
+            let end_s = (slot + 1) as f64 * slot_s;
+            let begin = next;
+            while next < self.points.len() && self.points[next].point.time_s < end_s {
+                next += 1;
+            }
+            if next > begin && crossed(&pair[0], &pair[1]) {
+                legs.extend(self.points[begin..next].iter().filter_map(|point| point.leg));
+            }
+        }
+        legs
     }
 }
 
@@ -91,8 +114,8 @@ impl<'a> PlannedFlight<'a> {
     /// The flight in the area of `draft` with the sensor nodes `list`, its `lines`, and those of `[uav]`.
     ///
     /// # Errors
-    /// If a leg leaves the fence or enters a zone of it, there are too many slots, or several altitudes and a radio that
-    /// has none.
+    /// If a leg leaves the fence or enters a zone of it, there are too many slots, or several altitudes and a radio of
+    /// one.
     pub fn additions(
         &self,
         draft: &Scenario,
@@ -109,7 +132,8 @@ impl<'a> PlannedFlight<'a> {
         let track = text(&flight, slot_s, lowest_m < highest_m);
         additions.overrides.track = Some(track.clone());
         additions.files.push((TRACK, track));
-        TRACK_LINE.clone_into(uav);
+        let [x_m, y_m] = [flight.ends[0].x, flight.ends[0].y];
+        *uav = format!("{TRACK_LINE}start_m = [{x_m:?}, {y_m:?}]\n");
         if lowest_m < highest_m {
             if has_radio {
                 let expected = "expected one altitude with --radio, whose rates are of one";
@@ -122,11 +146,16 @@ impl<'a> PlannedFlight<'a> {
         lines.set("slots", &format!("slots = {}", flight.slots), "Number of slots, T: the length of the flight");
         lines.set("slot_s", &format!("slot_s = {slot_s:?}"), "Length of a slot, τ [s]");
         if has_radio {
+            lines.omit(&["link.comm_radius_m"]);
             lines.set("link.comm_s", &format!("comm_s = {slot_s:?}"), "Time for communication in a slot: all of it");
         }
         lines.set("uav.altitude_m", &format!("altitude_m = {start_m:?}"), "Altitude, H [m], of the plan");
         let speed_mps = self.speed_mps(&flight, slot_s);
-        lines.set("uav.max_speed_mps", &format!("max_speed_mps = {speed_mps:?}"), "Maximum speed, V [m/s], of the plan");
+        lines.set(
+            "uav.max_speed_mps",
+            &format!("max_speed_mps = {speed_mps:?}"),
+            "Maximum speed, V [m/s], of the plan",
+        );
         let flight_s = flight.slots as f64 * slot_s;
         let endurance_s = draft.uav.endurance_s.max(flight_s);
         lines.set("uav.endurance_s", &format!("endurance_s = {endurance_s:?}"), "Endurance, T_e [s]");
@@ -137,8 +166,8 @@ impl<'a> PlannedFlight<'a> {
         Ok(additions)
     }
 
-    /// The flight in the area of `draft`, checked against the fence. If slots that end anywhere would cut a corner of it,
-    /// legs end with slots.
+    /// The flight in the area of `draft`, checked against the fence. Where a slot would cut a corner of it, the leg ends
+    /// with the slot.
     fn flight(&self, draft: &Scenario, slot_s: f64) -> Result<SlottedFlight, InputError> {
         let projection = Projection::at(draft.area.origin().expect("the area encloses the plan"));
         let in_area = |[lat_deg, lon_deg]: [f64; 2]| {
@@ -163,12 +192,22 @@ impl<'a> PlannedFlight<'a> {
             from = *to;
             before = &leg.place;
         }
-        let exact = self.cut(self.plan.walk(home, &places, None), slot_s)?;
-        if exact.ends.windows(2).all(|pair| crossed(&pair[0], &pair[1]).is_none()) {
-            return Ok(exact);
+        let mut ends_slot = vec![false; places.len()];
+        let mut flight = self.cut(self.plan.walk(home, &places, slot_s, |_| false), slot_s)?;
+        let exact_s = flight.flown_s();
+        for attempt in 1.. {
+            let cuts = flight.legs_cut(slot_s, |from, to| crossed(from, to).is_some());
+            if cuts.iter().all(|leg| ends_slot[*leg]) {
+                break;
+            }
+            cuts.into_iter().for_each(|leg| ends_slot[leg] = true);
+            let all = attempt > MOST_ATTEMPTS;
+            flight = self.cut(self.plan.walk(home, &places, slot_s, |leg| all || ends_slot[leg]), slot_s)?;
+            if all {
+                break;
+            }
         }
-        let by_legs = self.cut(self.plan.walk(home, &places, Some(slot_s)), slot_s)?;
-        Ok(SlottedFlight { longer_s: by_legs.flown_s() - exact.flown_s(), ..by_legs })
+        Ok(SlottedFlight { longer_s: flight.flown_s() - exact_s, ..flight })
     }
 
     /// Cuts a flight into slots, the last of which may end after it.
@@ -213,25 +252,28 @@ impl<'a> PlannedFlight<'a> {
     /// The flight in a line.
     fn summary(&self, flight: &SlottedFlight) -> String {
         let legs = self.plan.legs.len();
-        let way_m: f64 =
-            flight.points.windows(2).map(|pair| (pair[1].point.at - pair[0].point.at).xy().norm()).sum();
+        let way_m: f64 = flight.points.windows(2).map(|pair| (pair[1].point.at - pair[0].point.at).xy().norm()).sum();
         let hold_s: f64 = self.plan.legs.iter().map(|leg| leg.hold_s).sum();
         let flown_s = flight.flown_s();
+        let hold_s = (hold_s * 10.0).round() / 10.0;
         let longer = match flight.longer_s {
-            0.0 => String::new(),
-            longer_s => format!(", {longer_s:.0} s of them as legs end with slots, so that none cuts a corner of the fence"),
+            longer_s if longer_s < LEAST_LONGER_S => String::new(),
+            longer_s => {
+                format!(", {longer_s:.1} s of them as legs end with slots where they would cut a corner of the fence")
+            }
         };
-        format!("flight: {legs} legs, {way_m:.0} m, {flown_s:.0} s, {hold_s:.0} s of holds{longer}")
+        format!("flight: {legs} legs, {way_m:.0} m, {flown_s:.0} s, {hold_s} s of holds{longer}")
     }
 
     /// The ground that makes the height of the flight above it differ from the plan's; `None` if it is flat.
     fn hills(&self, list: &SensorList) -> Option<String> {
         let ground_m = || list.ground_m().iter().copied();
-        let [lowest_m, highest_m] = [ground_m().fold(f64::INFINITY, f64::min), ground_m().fold(f64::NEG_INFINITY, f64::max)];
+        let [lowest_m, highest_m] =
+            [ground_m().fold(f64::INFINITY, f64::min), ground_m().fold(f64::NEG_INFINITY, f64::max)];
         (self.plan.is_level && highest_m - lowest_m > FLAT_M).then(|| {
             format!(
-                "the ground of the sensor nodes rises from {lowest_m} to {highest_m} m, and the plan's altitudes are not above \
-                 the ground: the scenario flies as high above each of them as above home"
+                "the ground of the sensor nodes rises from {lowest_m} to {highest_m} m, and the plan's altitudes are not \
+                 above the ground: the scenario flies as high above each of them as above home"
             )
         })
     }

@@ -27,16 +27,12 @@ struct Reading {
     count: usize,
 }
 
-/// The altitude of an item above the ground [m]; `None` if it has none. Home is `home_m` [m] above the sea, and the ground
-/// is taken as level with it.
+/// The altitude of an item above the ground [m]; `None` if it has none. Home is `home_m` [m] above the sea, and the
+/// ground is taken as level with it.
 ///
 /// # Errors
 /// If its frame is not known, it is above the sea and home is not, or it is not above the ground.
-pub fn above_ground_m(
-    item: &MissionItem,
-    home_m: Option<f64>,
-    readings: &mut Readings,
-) -> Result<Option<f64>, String> {
+pub fn above_ground_m(item: &MissionItem, home_m: Option<f64>, readings: &mut Readings) -> Result<Option<f64>, String> {
     let given_m = item.params[6];
     if given_m.is_nan() {
         return Ok(None);
@@ -61,7 +57,8 @@ pub fn above_ground_m(
     };
     let altitude_m = (altitude_m * 1e3).round() / 1e3;
     if !(altitude_m > 0.0 && altitude_m <= MOST_M) {
-        let of = if reference == AltitudeReference::Msl { format!(", {given_m} m above sea level") } else { String::new() };
+        let of =
+            if reference == AltitudeReference::Msl { format!(", {given_m} m above sea level") } else { String::new() };
         let expected = format!("expected above 0, at most {MOST_M} m");
         return Err(item.refusal(&format!("{altitude_m} m above the ground{of}: {expected}")));
     }

@@ -24,6 +24,9 @@ const MOST_RADIUS_M: f64 = 1e6;
 /// Sharper corners are cut [rad].
 const SHARPEST: f64 = 0.1;
 
+/// Sine of the least turn of a corner; moving a polygon adds others beside its corners.
+const LEAST_TURN: f64 = 1e-3;
+
 /// A zone of a polygon, at `place` in the file.
 ///
 /// # Errors
@@ -63,7 +66,7 @@ pub fn check(fence: &[Zone]) -> Result<(), String> {
     let mut boundaries = fence.iter().filter(|zone| zone.kind == ZoneKind::Boundary);
     match [boundaries.next(), boundaries.next()] {
         [Some(first), Some(second)] => Err(format!(
-            "{}: a second area that must not be left, beside {}: expected one (autopilots differ in whether the vehicle \
+            "{}: a second area that must not be left, beside {}: expected one (autopilots differ in whether a vehicle \
              must stay in all of them or in any)",
             second.place, first.place
         )),
@@ -88,7 +91,12 @@ fn loosened(corners: &[[f64; 2]], is_inclusion: bool) -> Option<Vec<[f64; 2]>> {
     let style = BufferStyle::new(margin_m).line_join(LineJoin::Miter(SHARPEST));
     let MultiPolygon(moved) = Polygon::new(ring, vec![]).buffer_with_style(style);
     let [moved] = &moved[..] else { return None };
-    let corner = |at: geo::Point| projection.unproject(&Position::new(at.x(), at.y()));
-    let corners = moved.exterior().points().skip(1).map(corner); // the first is the last, too
+    let ring: Vec<Position> = moved.exterior().points().skip(1).map(|at| Position::new(at.x(), at.y())).collect();
+    let turns = |index: &usize| {
+        let [before, at, after] = [ring.len() - 1, 0, 1].map(|step| ring[(index + step) % ring.len()]);
+        let [along, on] = [at - before, after - at];
+        along.perp(&on).abs() > LEAST_TURN * along.norm() * on.norm()
+    };
+    let corners = (0..ring.len()).filter(turns).map(|index| projection.unproject(&ring[index]));
     corners.map(|corner| corner.map(|corner| [corner.lat_deg, corner.lon_deg])).collect()
 }

@@ -1,8 +1,8 @@
 //! Plans of other programs: the mission of a vehicle as legs and holds, and its fence as zones.
 //!
-//! A format reads its file into items (`qgc_plan`, `waypoints`). `commands` says what their MAVLink commands do, `fence`
-//! what a geofence forbids, `route` follows the items from home to the end of the flight, and `walk` gives each place
-//! its time. What a scenario is made of them is left to the caller.
+//! A format reads its file into items (`qgc_plan`, `waypoints`). `commands` says what their MAVLink commands do,
+//! `fence` what a geofence forbids, `route` follows the items from home to the end of the flight, and `walk` gives each
+//! place its time. What a scenario is made of them is left to the caller.
 
 mod altitude;
 mod commands;

@@ -102,12 +102,7 @@ fn home(mission: &Value) -> Result<PlanHome, String> {
 }
 
 /// Adds a simple item, or those of a survey or a corridor.
-fn add_items(
-    value: &Value,
-    place: &str,
-    items: &mut Vec<MissionItem>,
-    unused: &mut Vec<String>,
-) -> Result<(), String> {
+fn add_items(value: &Value, place: &str, items: &mut Vec<MissionItem>, unused: &mut Vec<String>) -> Result<(), String> {
     let refuse = |message: String| format!("{place}: {message}");
     let kind = value.get("type").and_then(Value::as_str).unwrap_or_default();
     if kind == "SimpleItem" {
@@ -166,7 +161,9 @@ fn simple_item(value: &Value, place: &str) -> Result<MissionItem, String> {
     for ((param, value), number) in params.iter_mut().zip(all).zip(1..) {
         *param = match value {
             Value::Null => f64::NAN,
-            value => value.as_f64().ok_or_else(|| format!("parameter {number} = {}: expected a number", shown(value)))?,
+            value => {
+                value.as_f64().ok_or_else(|| format!("parameter {number} = {}: expected a number", shown(value)))?
+            }
         };
     }
     let shown_m = value.get("Altitude").and_then(Value::as_f64);

@@ -196,10 +196,13 @@ impl Route {
         }
         self.has_taken_off = true;
         let has_altitude = item.params[6] > 0.0;
-        let altitude_m = if has_altitude { above_ground_m(item, self.home.altitude_m, &mut self.readings)? } else { None };
+        let altitude_m =
+            if has_altitude { above_ground_m(item, self.home.altitude_m, &mut self.readings)? } else { None };
         self.altitude_m = altitude_m;
         self.take_off_m = altitude_m;
-        let Some(to) = item.position()?.filter(|to| distance_m(self.home.position, *to) > NEAR_M) else { return Ok(()) };
+        let Some(to) = item.position()?.filter(|to| distance_m(self.home.position, *to) > NEAR_M) else {
+            return Ok(());
+        };
         if self.autopilot == Autopilot::Px4 {
             return self.leg(item, to, altitude_m, 0.0);
         }

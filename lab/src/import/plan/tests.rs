@@ -42,7 +42,9 @@ fn of_plan(plan: &Value) -> Result<FlightPlan, String> {
 }
 
 fn simple(command: u16, frame: u8, params: Value) -> Value {
-    json!({ "autoContinue": true, "command": command, "doJumpId": 1, "frame": frame, "params": params, "type": "SimpleItem" })
+    json!({
+        "autoContinue": true, "command": command, "doJumpId": 1, "frame": frame, "params": params, "type": "SimpleItem"
+    })
 }
 
 /// A waypoint at home, so high [m].
@@ -89,7 +91,8 @@ fn altitudes_are_above_what_their_frames_say() {
     let mut computed = over_home(0, 543.0);
     computed["Altitude"] = json!(50.0);
     computed["AltitudeMode"] = json!(3);
-    let flight = of_plan(&plan(json!([over_home(3, 30.0), over_home(0, 518.0), over_home(10, 35.0), computed]))).unwrap();
+    let flight =
+        of_plan(&plan(json!([over_home(3, 30.0), over_home(0, 518.0), over_home(10, 35.0), computed]))).unwrap();
     let altitudes_m: Vec<f64> = flight.legs.iter().map(|leg| leg.altitude_m).collect();
     assert_eq!(altitudes_m, [30.0, 30.0, 35.0, 50.0]);
     assert_eq!(flight.altitudes_m(), [30.0, 50.0]);
@@ -97,7 +100,8 @@ fn altitudes_are_above_what_their_frames_say() {
         "altitudes of 1 items: 30 m above home (frame 3), as all programs read them",
         "altitudes of 1 items: 518 m above sea level (frame 0), as all programs read them, less the 488 m of home",
         "altitudes of 1 items: 35 m above the terrain (frame 10) by QGroundControl and ArduPilot; PX4 refuses them",
-        "altitudes of 1 items: 543 m above sea level (frame 0), computed from altitudes above the terrain, which are taken",
+        "altitudes of 1 items: 543 m above sea level (frame 0), computed from altitudes above the terrain, which are \
+         taken",
     ];
     assert_eq!((&flight.altitudes[..], flight.warnings.len()), (&expected.map(str::to_owned)[..], 0));
     let terrain = of_waypoints(&["10 16 0 0 0 0 47.398 8.545 40"]).unwrap();
@@ -122,7 +126,8 @@ fn px4_flies_to_the_place_of_a_take_off_and_ardupilot_does_not() {
 #[test]
 fn a_fence_is_a_boundary_and_zones() {
     let mut plan = plan(json!([over_home(3, 30.0)]));
-    let circle = |is_inclusion: bool| json!({ "circle": { "center": HOME, "radius": 100.0 }, "inclusion": is_inclusion, "version": 1 });
+    let shape = json!({ "center": HOME, "radius": 100.0 });
+    let circle = |is_inclusion: bool| json!({ "circle": shape, "inclusion": is_inclusion, "version": 1 });
     let ring = json!([[47.39, 8.54], [47.40, 8.54], [47.40, 8.55], [47.39, 8.55]]);
     plan["geoFence"]["polygons"] = json!([{ "inclusion": true, "polygon": ring, "version": 1 }]);
     plan["geoFence"]["circles"] = json!([circle(false)]);
@@ -142,7 +147,9 @@ fn a_fence_is_a_boundary_and_zones() {
     let fence = of_plan(&plan).unwrap().fence;
     assert!(fence[0].corners.iter().all(|corner| (radius_m(corner) - 100.0).abs() < 1e-6));
     plan["geoFence"]["circles"] = json!([circle(true), circle(true)]);
-    assert!(of_plan(&plan).unwrap_err().starts_with("geoFence.circles[1]: a second area that must not be left, beside"));
+    assert!(
+        of_plan(&plan).unwrap_err().starts_with("geoFence.circles[1]: a second area that must not be left, beside")
+    );
 }
 
 #[test]
@@ -150,7 +157,10 @@ fn what_changes_a_flight_in_an_unknown_way_is_refused_by_its_item() {
     let waypoint = "3 16 0 0 0 0 47.398 8.545 30";
     for (items, expected) in [
         (&[waypoint, "3 18 2 0 20 0 47.398 8.545 30"][..], "item 2: command 18 (NAV_LOITER_TURNS): expected waypoints"),
-        (&[waypoint, "2 177 1 3 0 0 0 0 0"], "item 2: command 177 (DO_JUMP): expected a mission of waypoints that is flown once"),
+        (
+            &[waypoint, "2 177 1 3 0 0 0 0 0"],
+            "item 2: command 177 (DO_JUMP): expected a mission of waypoints that is flown once",
+        ),
         (&["3 16 -1 0 0 0 47.398 8.545 30"], "item 1: a hold of -1 s: expected 0 to 1000000 s"),
         (&["3 16 0 0 0 0 98 8.545 30"], "item 1: latitude 98: expected -90 to 90"),
         (&["3 16 0 0 0 0 47.398 8.545 0"], "item 1: 0 m above the ground: expected above 0"),
@@ -161,7 +171,10 @@ fn what_changes_a_flight_in_an_unknown_way_is_refused_by_its_item() {
         (&["2 178 9 5 0 0 0 0 0", waypoint], "item 1: speed type 9: expected 0 to 3"),
         (&[waypoint, "3 93 -1 12 0 0 0 0 0"], "item 2: NAV_DELAY until a time of day: expected seconds"),
         (&["2 112 9 0 0 0 0 0 0", "2 178 1 5 0 0 0 0 0", waypoint], "item 2: a speed that item 1 delays: expected"),
-        (&[waypoint, "3 20 0 0 0 0 0 0 0", waypoint], "item 3: command 16 after item 2, which returns: expected a mission of one"),
+        (
+            &[waypoint, "3 20 0 0 0 0 0 0 0", waypoint],
+            "item 3: command 16 after item 2, which returns: expected a mission of one",
+        ),
         (&[waypoint, "3 22 0 0 0 0 0 0 30"], "item 2: a take-off in flight: expected a mission of one flight"),
         (&["2 206 1 0 0 0 0 0 0"], "no item leads anywhere: expected at least one waypoint"),
         (&["3 x 0 0 0 0 47.398 8.545 30"], "item 1 (line 3): command = x: expected a number"),
@@ -189,7 +202,8 @@ fn a_plan_of_another_form_is_refused_with_its_key() {
         of_plan(&plan).unwrap_err()
     };
     let complex = |kind: &str, transects: Value| {
-        json!([{ "type": "ComplexItem", "complexItemType": kind, "TransectStyleComplexItem": transects }])
+        let item = json!({ "type": "ComplexItem", "complexItemType": kind, "TransectStyleComplexItem": transects });
+        json!([item])
     };
     let none = json!({ "Items": [] });
     for (pointer, value, expected) in [
@@ -205,12 +219,36 @@ fn a_plan_of_another_form_is_refused_with_its_key() {
         ("/mission/items/0/params", json!([0, 0]), "item 1: 2 params: expected 7"),
         ("/mission/items/0/params/4", json!("x"), "item 1: parameter 5 = \"x\": expected a number"),
         ("/mission/items/0/command", json!(null), "item 1: command = null: expected a number"),
-        ("/mission/items", complex("StructureScan", json!(null)), "item 1: complexItemType = `StructureScan`: expected `survey`"),
-        ("/mission/items", complex("survey", none), "item 1 (survey): TransectStyleComplexItem.Items: none: expected its waypoints"),
-        ("/mission/items", complex("CorridorScan", json!({ "Items": [1] })), "item 1 (CorridorScan), its item 1: command = none"),
-        ("/geoFence/polygons", json!([{ "polygon": [[1, 2]] }]), "geoFence.polygons[0].inclusion: expected true or false"),
-        ("/geoFence/polygons", json!([{ "polygon": [[1]], "inclusion": true }]), "geoFence.polygons[0]: [1]: expected a latitude"),
-        ("/geoFence/circles", json!([{ "circle": { "center": HOME, "radius": -1 }, "inclusion": true }]), "geoFence.circles[0]: radius -1"),
+        (
+            "/mission/items",
+            complex("StructureScan", json!(null)),
+            "item 1: complexItemType = `StructureScan`: expected `survey`",
+        ),
+        (
+            "/mission/items",
+            complex("survey", none),
+            "item 1 (survey): TransectStyleComplexItem.Items: none: expected its waypoints",
+        ),
+        (
+            "/mission/items",
+            complex("CorridorScan", json!({ "Items": [1] })),
+            "item 1 (CorridorScan), its item 1: command = none",
+        ),
+        (
+            "/geoFence/polygons",
+            json!([{ "polygon": [[1, 2]] }]),
+            "geoFence.polygons[0].inclusion: expected true or false",
+        ),
+        (
+            "/geoFence/polygons",
+            json!([{ "polygon": [[1]], "inclusion": true }]),
+            "geoFence.polygons[0]: [1]: expected a latitude",
+        ),
+        (
+            "/geoFence/circles",
+            json!([{ "circle": { "center": HOME, "radius": -1 }, "inclusion": true }]),
+            "geoFence.circles[0]: radius -1",
+        ),
     ] {
         let refused = changed(pointer, value);
         assert!(refused.starts_with(expected), "{refused}");
@@ -262,8 +300,8 @@ proptest! {
         for (place, ([x_m, y_m], ..)) in places.iter().zip(&items) {
             prop_assert!((place - Position::new(*x_m, *y_m)).norm() < 1e-3);
         }
-        let exact = flight.walk(Position::origin(), &places, None);
-        let by_slots = flight.walk(Position::origin(), &places, Some(slot_s));
+        let exact = flight.walk(Position::origin(), &places, slot_s, |_| false);
+        let by_slots = flight.walk(Position::origin(), &places, slot_s, |_| true);
         prop_assert_eq!(exact.len(), by_slots.len());
         for (points, faster) in [(&exact, 1.0), (&by_slots, 1.0 / 0.99)] {
             let mut fastest_mps: f64 = 0.0;

@@ -27,9 +27,15 @@ pub struct PlannedPoint {
 
 impl FlightPlan {
     /// The flight at ascending times, from above `home` [m] over the end of each leg, `places` [m], and the end of each
-    /// hold. Legs of no length and no hold are left out. With `slot_s` [s], each leg ends with a slot: legs are slower
-    /// then, holds as long.
-    pub fn walk(&self, home: Position, places: &[Position], slot_s: Option<f64>) -> Vec<PlannedPoint> {
+    /// hold. Legs of no length and no hold are left out. The legs whose numbers `ends_slot` takes end with a slot of
+    /// `slot_s` [s]: they are slower, holds as long.
+    pub fn walk(
+        &self,
+        home: Position,
+        places: &[Position],
+        slot_s: f64,
+        ends_slot: impl Fn(usize) -> bool,
+    ) -> Vec<PlannedPoint> {
         let [lowest_m, highest_m] = self.altitudes_m();
         let start_m = self.start_m.clamp(lowest_m, highest_m);
         let mut at = Point3::new(home.x, home.y, start_m);
@@ -41,11 +47,12 @@ impl FlightPlan {
             let [climb_mps, descent_mps] = leg.vertical_mps;
             let vertical_mps = if way.z > 0.0 { climb_mps } else { descent_mps };
             let leg_s = (way.xy().norm() / leg.speed_mps).max(way.z.abs() / vertical_mps);
-            let mut add = |time_s: f64| points.push(PlannedPoint { point: TimedPoint { time_s, at: to }, leg: Some(index) });
+            let mut add =
+                |time_s: f64| points.push(PlannedPoint { point: TimedPoint { time_s, at: to }, leg: Some(index) });
             if leg_s > 0.0 {
-                time_s = match slot_s {
-                    None => ((time_s + leg_s) * PER_SECOND).ceil() / PER_SECOND,
-                    Some(slot_s) => ((time_s + leg_s * (1.0 - MAX_FASTER)) / slot_s).ceil() * slot_s,
+                time_s = match ends_slot(index) {
+                    false => ((time_s + leg_s) * PER_SECOND).ceil() / PER_SECOND,
+                    true => ((time_s + leg_s * (1.0 - MAX_FASTER)) / slot_s).ceil() * slot_s,
                 };
                 add(time_s);
             }
