@@ -17,6 +17,9 @@ const EXTENSIONS: [&str; 2] = ["prj", "PRJ"];
 /// Words of a system of metres on a plane that no place on Earth is known of.
 const LOCAL: [&str; 4] = ["LOCAL_CS[", "ENGCRS[", "ENGINEERINGCRS[", "LOCALCS["];
 
+/// Words of a system of places, projected ones first.
+const HORIZONTAL: [&str; 6] = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "GEOGCS[", "GEOGCRS[", "GEODCRS["];
+
 /// What the programs of geographic information call latitude and longitude of WGS84.
 const WGS84: &str = "+proj=longlat +datum=WGS84 +no_defs";
 
@@ -127,8 +130,9 @@ impl ReferenceSystem {
         let coordinates = if LOCAL.iter().any(|word| capitals.contains(word)) {
             Coordinates::Local(no_metres(text, &capitals).map_or(Ok(()), Err))
         } else {
-            let named = || Some(Self::of_name(&format!("EPSG:{}", code_of(text)?)).ok()?.coordinates);
-            let defined = proj4wkt::wkt_to_projstring(text).map_err(|_| "not read as well-known text".to_owned());
+            let plane = horizontal(text, &capitals);
+            let named = || Some(Self::of_name(&format!("EPSG:{}", code_of(plane)?)).ok()?.coordinates);
+            let defined = proj4wkt::wkt_to_projstring(plane).map_err(|_| "not read as well-known text".to_owned());
             match defined.and_then(|definition| EarthSystem::of(&definition)) {
                 Ok(on_earth) => Coordinates::OnEarth(on_earth),
                 Err(reason) => named().unwrap_or(Coordinates::Unknown(reason)),
@@ -232,6 +236,24 @@ impl EarthSystem {
 
 fn is_zero(number: &str) -> bool {
     number.trim().parse() == Ok(0.0)
+}
+
+/// The part of a well-known text that is about places on a plane or in degrees, without that of heights and without the
+/// aim of a transformation. `capitals` are those of `text`.
+fn horizontal<'a>(text: &'a str, capitals: &str) -> &'a str {
+    let start = HORIZONTAL.iter().find_map(|word| capitals.find(word)).unwrap_or(0);
+    let mut depth = 0;
+    let mut is_string = false;
+    for (at, character) in text[start..].char_indices() {
+        match character {
+            '"' => is_string = !is_string,
+            '[' if !is_string => depth += 1,
+            ']' if !is_string && depth == 1 => return &text[start..=start + at],
+            ']' if !is_string => depth -= 1,
+            _ => {}
+        }
+    }
+    &text[start..]
 }
 
 /// The EPSG code of a well-known text, which is the last that it says.

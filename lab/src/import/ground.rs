@@ -14,7 +14,7 @@ pub const GROUND: &str = "ground_m";
 pub const GROUND_FT: &str = "ground_ft";
 
 /// What heights are called of which it is not said what they are the heights of, in lower case, with underscores.
-const HEIGHTS: [&str; 7] = ["elevation_m", "elevation", "ele", "altitude_m", "altitude", "alt", "height"];
+const HEIGHTS: [&str; 6] = ["elevation_m", "elevation", "ele", "altitude_m", "altitude", "alt"];
 
 /// Where heights of the ground are expected.
 pub const REMEDY: &str = "altitudes of the ground, for flights over hills, belong into ground_m";
