@@ -109,7 +109,9 @@ impl Readings {
                     "above the terrain (frame 10) by QGroundControl and ArduPilot; PX4 refuses them".to_owned()
                 }
             };
-            format!("altitudes of {count} items: {range} {read}")
+            let items =
+                if *count == 1 { "altitude of 1 item".to_owned() } else { format!("altitudes of {count} items") };
+            format!("{items}: {range} {read}")
         };
         self.readings.iter().map(line).collect()
     }

@@ -97,10 +97,10 @@ fn altitudes_are_above_what_their_frames_say() {
     assert_eq!(altitudes_m, [30.0, 30.0, 35.0, 50.0]);
     assert_eq!(flight.altitudes_m(), [30.0, 50.0]);
     let expected = [
-        "altitudes of 1 items: 30 m above home (frame 3), as all programs read them",
-        "altitudes of 1 items: 518 m above sea level (frame 0), as all programs read them, less the 488 m of home",
-        "altitudes of 1 items: 35 m above the terrain (frame 10) by QGroundControl and ArduPilot; PX4 refuses them",
-        "altitudes of 1 items: 543 m above sea level (frame 0), computed from altitudes above the terrain, which are \
+        "altitude of 1 item: 30 m above home (frame 3), as all programs read them",
+        "altitude of 1 item: 518 m above sea level (frame 0), as all programs read them, less the 488 m of home",
+        "altitude of 1 item: 35 m above the terrain (frame 10) by QGroundControl and ArduPilot; PX4 refuses them",
+        "altitude of 1 item: 543 m above sea level (frame 0), computed from altitudes above the terrain, which are \
          taken",
     ];
     assert_eq!((&flight.altitudes[..], flight.warnings.len()), (&expected.map(str::to_owned)[..], 0));
