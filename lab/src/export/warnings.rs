@@ -90,7 +90,7 @@ fn high(mission: &VehicleMission) -> Option<String> {
     let remedy = match mission.reference {
         AltitudeReference::Terrain => "",
         _ if over_hills_m.is_none() => "",
-        _ => ": give --home-ground, or fly --altitude terrain",
+        _ => ": give --home-ground, or fly --altitude terrain with an autopilot that has it",
     };
     Some(format!("waypoints up to {highest_m:.0} m above the ground, more than {PERMITTED_M} m{remedy}"))
 }
