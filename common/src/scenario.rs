@@ -43,8 +43,17 @@ use crate::terminal::shell_path;
 /// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
 pub const LETTER: &str = include_str!("../letter.toml");
 
-/// Extensions of files that are no scenarios, but become one by `skysink new --sensors`.
-const IMPORTED: [&str; 6] = ["csv", "kml", "kmz", "gpx", "geojson", "json"];
+/// Extensions of files that are no scenarios, but become one by an option of `skysink new`.
+const IMPORTED: [(&str, &str); 8] = [
+    ("csv", "--sensors"),
+    ("kml", "--sensors"),
+    ("kmz", "--sensors"),
+    ("gpx", "--sensors"),
+    ("geojson", "--sensors"),
+    ("json", "--sensors"),
+    ("plan", "--plan"),
+    ("waypoints", "--plan"),
+];
 
 /// Changes to a scenario from the command line, made before it is checked.
 ///
@@ -117,11 +126,12 @@ impl Scenario {
     /// If the file cannot be read, is not a scenario, or has a value out of range.
     pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
-        if IMPORTED.contains(&extension.as_str()) && path.is_file() {
+        let imported = IMPORTED.iter().find(|(imported, _)| *imported == extension);
+        if let Some((_, option)) = imported.filter(|_| path.is_file()) {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
             let is_name = name_refusal(&stem).is_none() && !stem.starts_with('-');
             let name = if is_name { &*stem } else { "mission" };
-            let command = format!("skysink new {name} --sensors {}", shell_path(path));
+            let command = format!("skysink new {name} {option} {}", shell_path(path));
             let message = format!("expected a scenario, TOML, as `{command}` makes one of this file");
             return Err(InputError::new("scenario", path, message));
         }

@@ -134,6 +134,7 @@ impl<'a> PlannedFlight<'a> {
         additions.files.push((TRACK, track));
         let [x_m, y_m] = [flight.ends[0].x, flight.ends[0].y];
         *uav = format!("{TRACK_LINE}start_m = [{x_m:?}, {y_m:?}]\n");
+        self.plan.altitudes.iter().for_each(|line| *uav += &format!("# {line}\n"));
         if lowest_m < highest_m {
             if has_radio {
                 let expected = "expected one altitude with --radio, whose rates are of one";
