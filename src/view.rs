@@ -34,9 +34,9 @@ Examples:
   skysink view --host hub.example.org   behind the proxy of a JupyterHub
 
 The printed address contains a secret, so that no other user can read the
-recordings. The page loads nothing from other hosts. For a browser on another machine, the
-command prints the ssh command that forwards the port. Behind a proxy the printed path
-follows the proxy's own.")]
+recordings. The page loads nothing from other hosts. For a browser on another
+machine, the command prints the ssh command that forwards the port. Behind a
+proxy the printed path follows the proxy's own.")]
 pub struct ViewCommand {
     /// Run folders or recordings (.rrd) [default: the newest in runs/].
     #[arg(value_name = "RUN")]
