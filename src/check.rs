@@ -12,6 +12,7 @@ mod motion;
 mod quantity;
 mod radio;
 pub(crate) mod shortfalls;
+mod track;
 mod verdict;
 mod warnings;
 
@@ -105,6 +106,7 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let is_plain = motion.is_plain();
     let mut rows = vec![(if is_plain { "reach in a slot, V τ" } else { "reach in a slot" }, metres(figures.reach_m))];
     rows.extend(motion.rows());
+    rows.extend(figures.track.iter().flat_map(|track| track.rows()));
     rows.extend(figures.energy.iter().flat_map(|energy| energy.rows()));
     rows.extend([
         ("communication radius, d_c", metres(figures.comm_radius_m)),

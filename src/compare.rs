@@ -13,6 +13,7 @@ use skysink_common::error::{InputError, did_you_mean};
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_path;
 use skysink_lab::compare::{Contender, standings};
 use skysink_lab::sweep::folder::remove_comparison;
 use skysink_lab::sweep::manifest::{RECORDING, STANDINGS};
@@ -29,6 +30,7 @@ use crate::check::shortfalls;
 use crate::error::Error;
 use crate::options::Changes;
 use crate::report::{print, warn_of_few};
+use crate::unflown::warn_of_flights;
 use contenders::{ShownContender, differing_keys, fly_contenders, read_runs, sweep_of};
 use folder::compared_runs;
 
@@ -158,6 +160,8 @@ impl CompareCommand {
         let loss_rates = standings.iter().filter(|standing| standing.metric == Metric::LossRate.name());
         let few = loss_rates.filter(|standing| standing.concentration.is_few());
         warn_of_few(few.map(|standing| (standing.label.clone(), standing.concentration)));
+        let unflown = shown.iter().filter_map(|shown| shown.contender.unflown(&shown.scenario));
+        warn_of_flights(&unflown.collect::<Vec<_>>());
         if self.json {
             return print(text);
         }
@@ -178,7 +182,7 @@ impl CompareCommand {
         standings::print_tables(&contenders, &standings, for_costs, self.holm)?;
         print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;
         if is_recorded {
-            print(format_args!("Open recording:  skysink view {}", out.join(RECORDING).display()))?;
+            print(format_args!("Open recording:  skysink view {}", shell_path(&out.join(RECORDING))))?;
         }
         Ok(())
     }

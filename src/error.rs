@@ -1,10 +1,10 @@
 //! Errors of the commands, and their exit codes.
 
-use std::borrow::Cow;
 use std::io;
 
 use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
+use skysink_common::terminal::shell_path;
 use skysink_common::written_file::FileChange;
 use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
@@ -163,8 +163,7 @@ impl Error {
     /// if there is something `left` to fly.
     #[must_use]
     pub fn ended_early(self, folder: &RunFolder, slots: u64, left: &LeftToFly) -> Self {
-        let path = folder.path().to_string_lossy();
-        let path = shlex::try_quote(&path).unwrap_or(Cow::Borrowed(&path));
+        let path = shell_path(folder.path());
         let left = match (left, &self) {
             _ if slots == 0 => "no slot was flown".to_owned(),
             (LeftToFly::Nothing, _) => format!("all {slots} slots are recorded"),

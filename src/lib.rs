@@ -18,6 +18,7 @@ mod simulate;
 #[cfg(feature = "viewer")]
 mod slot_views;
 mod topics;
+mod unflown;
 pub mod usage;
 mod view;
 pub mod worker;

@@ -5,18 +5,22 @@ mod additions;
 mod degrees;
 mod field;
 #[cfg(feature = "lab")]
+mod geodetic_area;
+#[cfg(feature = "lab")]
 mod import;
 #[cfg(feature = "lab")]
-mod log;
-mod presets;
+mod moved;
 #[cfg(feature = "lab")]
-mod terrain;
+mod plan;
+mod presets;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use skysink_common::error::InputError;
+#[cfg(feature = "lab")]
+use skysink_common::geodata::ReferenceSystem;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::keys::{self, Accepts, Key, Keys, dotted};
@@ -25,6 +29,7 @@ use skysink_common::option_value;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_path;
 #[cfg(feature = "lab")]
 use skysink_lab::import::Frame;
 use skysink_mission::error::FileContext;
@@ -41,6 +46,8 @@ use additions::Additions;
 use field::{LIST, NewField};
 #[cfg(feature = "lab")]
 use import::Sources;
+#[cfg(feature = "lab")]
+use plan::PlannedFlight;
 use presets::{Hardware, Lines, commented};
 
 /// The beginning of the scenario file.
@@ -62,28 +69,30 @@ Examples:
   skysink new city --sensors nodes.geojson
   skysink new city --sensors nodes.csv --out scenarios/city
   skysink new city --sensors nodes.kml --zones zones.geojson
+  skysink new city --sensors utm.csv --crs EPSG:25832
   skysink new city --sensors nodes.csv --radio lora-sf7 --drone x500
-  skysink new city --log flights/monday
-  skysink new city --sensors nodes.csv --terrain dem.asc --clearance 10
+  skysink new city --plan survey.plan --sensors nodes.csv
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
 optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, ground_m,
-name. The altitude of points becomes ground_m, for exports over hills.
+name. Metres of a map become latitudes and longitudes by --crs, a file .prj or a
+member crs. Altitudes of points are ignored: name those of the ground ground_m.
 
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary`, or which encloses all
 sensor nodes, the boundary of the area. Without --sensors, the sensor nodes are
 drawn at random.
 
-With --log, links and flight are those of DIR/log.csv: time_s, x_m, y_m (or
-lat_deg, lon_deg), z_m, sensor, snr_db. DIR/rates.csv has snr_db, rate_bps.
-
-With --terrain, ground too high for the flight becomes no-fly zones, and links
-are hidden where the ground is in the way.
+With --plan, the flight is that of QGroundControl's .plan or ArduPilot's
+.waypoints, with its holds, speeds, fence and home: simulate says what it loses.
 
 With --radio and --drone, links, flight and battery are those of the named
-hardware, and slots suit both.";
+hardware, and slots suit both.
+
+Python makes scenarios over hills, and of measured links and flights:
+  python -m skysink.terrain city --sensors nodes.csv --terrain dem.tif
+  python -m skysink.measured city --log flights/monday";
 
 /// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]
@@ -105,23 +114,25 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     zones: Option<PathBuf>,
+    /// Reference system of positions and zones in metres or feet of a map, such as EPSG:25832 for UTM 32N.
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "EPSG:CODE")]
+    crs: Option<String>,
     /// Where the UAV starts, in the coordinates of the positions: x,y [m] or lat,lon [°].
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
     start: Option<[f64; 2]>,
-    /// Folder of a flight log: log.csv, rates.csv and, without --sensors, sensors.csv.
+    /// Plan of a flight that is fixed, with its fence and home: QGroundControl's .plan, or .waypoints of ArduPilot.
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["start", "radio", "drone"])]
-    log: Option<PathBuf>,
-    /// Heights of the ground: an Esri ASCII grid in the coordinates of the positions.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["zones", "start", "drone"])]
+    plan: Option<PathBuf>,
+    /// Speed over ground until the plan sets one [m/s] [default: that of the plan; 10 of .waypoints].
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "FILE", requires = "sensors", conflicts_with_all = ["log", "zones"])]
-    terrain: Option<PathBuf>,
-    /// Least height of the flight above the ground [m].
+    #[arg(long, value_name = "M/S", requires = "plan", value_parser = option_value::positive())]
+    speed: Option<f64>,
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", allow_hyphen_values = true,
-          value_parser = option_value::number("0 to 10000 m", |clearance_m| (0.0..=1e4).contains(&clearance_m)))]
-    clearance: f64,
+    #[command(flatten)]
+    moved: moved::MovedOptions,
     #[command(flatten)]
     hardware: Hardware,
     /// Output folder [default: ./NAME].
@@ -169,14 +180,13 @@ impl NewCommand {
             ))?;
         }
         print(format_args!("{}: {count} sensor nodes in {width_m} m × {height_m} m", path.display()))?;
-        print(format_args!("Next:  skysink check {}", shlex::try_quote(&path.to_string_lossy()).unwrap_or_default()))
+        print(format_args!("Next:  skysink check {}", shell_path(&path)))
     }
 
     /// The files that it is made from.
     #[cfg(feature = "lab")]
     fn inputs(&self) -> Vec<PathBuf> {
-        let of_log = self.log.iter().flat_map(|folder| log::FILES.map(|name| folder.join(name)));
-        [&self.sensors, &self.zones, &self.terrain].into_iter().flatten().cloned().chain(of_log).collect()
+        [&self.sensors, &self.zones, &self.plan].into_iter().flatten().cloned().collect()
     }
 
     #[cfg(not(feature = "lab"))]
@@ -184,16 +194,17 @@ impl NewCommand {
         Vec::new()
     }
 
-    /// What the scenario is made from: reads the log and the terrain.
+    /// What the scenario is made from: reads the plan.
     #[cfg(feature = "lab")]
     fn sources(&self, comm_radius_m: f64) -> Result<Sources<'_>, InputError> {
+        self.moved.check(&self.name, self.sensors.as_deref())?;
         Ok(Sources {
             sensors: self.sensors.as_deref(),
             zones: self.zones.as_deref(),
             start: self.start,
+            crs: self.crs.as_deref().map(crs).transpose()?,
+            plan: self.plan.as_deref().map(|path| PlannedFlight::read(path, self.speed)).transpose()?,
             comm_radius_m,
-            log: self.log.as_deref().map(log::LoggedFlight::read).transpose()?,
-            terrain: self.terrain.as_deref().map(|path| terrain::Terrain::read(path, self.clearance)).transpose()?,
         })
     }
 
@@ -222,6 +233,12 @@ impl Sources {
     ) -> Result<Additions, InputError> {
         Ok(Additions::default())
     }
+}
+
+/// The reference system of the option.
+#[cfg(feature = "lab")]
+fn crs(name: &str) -> Result<ReferenceSystem, InputError> {
+    ReferenceSystem::of_name(name).map_err(|message| InputError::of_argument("option", "--crs", message))
 }
 
 /// Parses the two numbers of a place.

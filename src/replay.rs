@@ -15,6 +15,7 @@ use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{CHANNEL, HARVEST, Overrides, RATES, Scenario, TRACE};
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_path;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
 use skysink_mission::folder::FolderLayout;
@@ -30,6 +31,7 @@ use crate::options::strategy;
 use crate::report::{OutputForm, print};
 use crate::run::options::{Launch, PlanSource, RecordedRing, RunOptions};
 use crate::run::ring_mission::{RingMission, make_ring};
+use crate::unflown::warn_of_counts;
 use outcome::{PlanCounts, Replayed};
 
 /// The decision of the planner in each slot.
@@ -123,6 +125,10 @@ impl ReplayCommand {
         let results = folder.begin()?;
         let outcome = replay.write(results.path(), stop)?;
         results.replace_earlier()?;
+        if replay.plans == PlanSource::Planner {
+            let PlanCounts { slots, held_slots, refused, .. } = outcome.counts;
+            warn_of_counts(&replay.scenario, slots, [held_slots, refused]);
+        }
         self.form.print(&outcome, || self.print(&outcome, replay.plans, folder.path()))
     }
 
@@ -199,7 +205,7 @@ impl ReplayCommand {
         }
         print(format_args!("Replay folder:   {}", out.display()))?;
         if !self.options.no_viewer {
-            print(format_args!("Open recording:  skysink view {}", out.display()))?;
+            print(format_args!("Open recording:  skysink view {}", shell_path(out)))?;
         }
         Ok(())
     }

@@ -15,7 +15,7 @@ use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
 use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::pace::Pace;
-use skysink_common::terminal::printable;
+use skysink_common::terminal::{printable, shell_path};
 #[cfg(feature = "lab")]
 use skysink_lab::progress::LabProgress;
 #[cfg(feature = "lab")]
@@ -251,10 +251,11 @@ pub(crate) fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Err
     if let Some(recording) = folder.recording_pattern() {
         let mut label = "Open recording:";
         if cfg!(feature = "viewer") {
-            print(format_args!("{label}  skysink view {}", folder.path().display()))?;
+            print(format_args!("{label}  skysink view {}", shell_path(folder.path())))?;
             label = "            or:";
         }
-        print(format_args!("{label}  rerun {}", recording.display()))?;
+        let names = recording.file_name().unwrap_or_default().display(); // a pattern for the shell, of several files
+        print(format_args!("{label}  rerun {}/{names}", shell_path(folder.path())))?;
         print(format_args!("                 (install rerun with pip install rerun-sdk=={RERUN})"))?;
     }
     Ok(())

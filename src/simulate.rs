@@ -22,6 +22,7 @@ use crate::options::{MissionOptions, NewFolder, RecordingOptions, ScenarioFile};
 use crate::report::{OutputForm, TerminalProgress, print_run};
 #[cfg(feature = "viewer")]
 use crate::slot_views::SlotViews;
+use crate::unflown::warn_of_run;
 
 /// Slots between two updates of the progress bar.
 const SHOW_EVERY: u64 = 1000;
@@ -52,6 +53,7 @@ impl SimulateCommand {
         let mission = Mission::until(&scenario, &list, stop)?;
         let record = self.recording.every();
         let (folder, summary) = simulate(&scenario, &list, mission, &self.options.folder, record, stop)?;
+        warn_of_run(&summary, &scenario);
         self.form.print(&summary, || print_run(&folder, &summary))
     }
 }

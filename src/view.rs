@@ -3,6 +3,7 @@
 #[cfg(feature = "viewer")]
 mod browser;
 mod content;
+mod recording;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
@@ -30,10 +31,12 @@ Examples:
   skysink view runs/letter-uts-1 runs/letter-gfs-1
   skysink view comparison/comparison.rrd
   skysink view --live                   a running mission of skysink run --live
+  skysink view --host hub.example.org   behind the proxy of a JupyterHub
 
 The printed address contains a secret, so that no other user can read the
-recordings. The page loads nothing from other hosts. For a browser on another machine, the
-command prints the ssh command that forwards the port.")]
+recordings. The page loads nothing from other hosts. For a browser on another
+machine, the command prints the ssh command that forwards the port. Behind a
+proxy the printed path follows the proxy's own.")]
 pub struct ViewCommand {
     /// Run folders or recordings (.rrd) [default: the newest in runs/].
     #[arg(value_name = "RUN")]
@@ -48,6 +51,9 @@ pub struct ViewCommand {
     /// Port to listen on; 0 selects a free port.
     #[arg(long, default_value_t = 9090)]
     port: u16,
+    /// Also answer requests for the host NAME, that of a proxy in front of this machine (repeatable).
+    #[arg(long = "host", value_name = "NAME", value_parser = host_name)]
+    hosts: Vec<String>,
 }
 
 /// Export a recording and its viewer as a static web page.
@@ -75,7 +81,8 @@ impl ViewCommand {
             _ => self.runs.clone(),
         };
         let content = PageContent { recordings: recordings(&runs)?, live: self.live };
-        serve(&content, SocketAddr::new(self.bind, self.port), stop)
+        content.warn();
+        serve(&content, SocketAddr::new(self.bind, self.port), &self.hosts, stop)
     }
 
     /// Fails if no mission is served on `port`, or the browser could not connect to it.
@@ -83,6 +90,10 @@ impl ViewCommand {
         if self.bind != Ipv4Addr::LOCALHOST {
             let message = "expected --live without --bind: the mission is served on 127.0.0.1 only; use an ssh tunnel";
             return Err(Error::Usage(format!("--live with --bind {}: {message}", self.bind)));
+        }
+        if let Some(host) = self.hosts.first() {
+            let message = "expected --live without --host: no proxy forwards the mission; use an ssh tunnel";
+            return Err(Error::Usage(format!("--live with --host {host}: {message}")));
         }
         TcpStream::connect_timeout(&SocketAddr::from((Ipv4Addr::LOCALHOST, port)), CONNECT_TIMEOUT).map(drop).map_err(
             |error| {
@@ -97,13 +108,27 @@ impl PageCommand {
     /// Writes the page.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, folder } = self;
-        let runs = [run];
-        write(&PageContent { recordings: recordings(&runs)?, live: None }, &folder, stop)
+        let content = PageContent { recordings: recordings(&[run])?, live: None };
+        content.warn();
+        write(&content, &folder, stop)
     }
 }
 
+/// Parses the name of a host, without a port.
+fn host_name(text: &str) -> Result<String, String> {
+    let name = text.trim_end_matches('.').to_ascii_lowercase();
+    let is_label = |label: &str| {
+        let is_allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
+        !label.is_empty() && label.bytes().all(is_allowed)
+    };
+    let is_name = name.split('.').all(is_label);
+    is_name
+        .then_some(name)
+        .ok_or_else(|| "expected the name of a host such as hub.example.org, without port".to_owned())
+}
+
 #[cfg(not(feature = "viewer"))]
-fn serve(content: &PageContent, _: SocketAddr, _: &Stop) -> Result<(), Error> {
+fn serve(content: &PageContent, _: SocketAddr, _: &[String], _: &Stop) -> Result<(), Error> {
     Err(Error::NoWebViewer(content.rerun_command()))
 }
 

@@ -168,7 +168,7 @@ const NOT_MODELLED: [NotModelled; 10] = [
     },
     NotModelled {
         heading: "Terrain",
-        instead: "make zones and a map of links by `skysink new --terrain FILE`",
+        instead: "make zones and a map of links by `python -m skysink.terrain NAME --sensors FILE --terrain FILE`",
         words: &["terrain", "elevation", "dem", "relief", "reflection", "diffraction"],
     },
     NotModelled {

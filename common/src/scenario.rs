@@ -29,7 +29,7 @@ pub use mission::{CHANNEL, HARVEST, MAX_SEED, PlannerKeys, RATES, Scenario, TRAC
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use simplified::{SharedZones, SimplifiedZones};
-pub use track::MOST_TRACK_SLOTS;
+pub use track::{MOST_TRACK_SLOTS, TimedPoint, slot_ends};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 pub use zones::LEAST_FILLED;
 
@@ -38,12 +38,22 @@ use crate::cohorts::Expiry;
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
 use crate::presets;
+use crate::terminal::shell_path;
 
 /// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
 pub const LETTER: &str = include_str!("../letter.toml");
 
-/// Extensions of files that are no scenarios, but become one by `skysink new --sensors`.
-const IMPORTED: [&str; 6] = ["csv", "kml", "kmz", "gpx", "geojson", "json"];
+/// Extensions of files that are no scenarios, but become one by an option of `skysink new`.
+const IMPORTED: [(&str, &str); 8] = [
+    ("csv", "--sensors"),
+    ("kml", "--sensors"),
+    ("kmz", "--sensors"),
+    ("gpx", "--sensors"),
+    ("geojson", "--sensors"),
+    ("json", "--sensors"),
+    ("plan", "--plan"),
+    ("waypoints", "--plan"),
+];
 
 /// Changes to a scenario from the command line, made before it is checked.
 ///
@@ -68,6 +78,8 @@ pub struct Overrides {
     /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has no
     /// places of sensor nodes, they are those of the list.
     pub map: Option<&'static LinkMap>,
+    /// Replaces the content of the file `uav.track`, which is then not read.
+    pub track: Option<String>,
 }
 
 /// ```
@@ -114,9 +126,12 @@ impl Scenario {
     /// If the file cannot be read, is not a scenario, or has a value out of range.
     pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
-        if IMPORTED.contains(&extension.as_str()) && path.is_file() {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            let command = format!("skysink new {name} --sensors {}", path.display());
+        let imported = IMPORTED.iter().find(|(imported, _)| *imported == extension);
+        if let Some((_, option)) = imported.filter(|_| path.is_file()) {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            let is_name = name_refusal(&stem).is_none() && !stem.starts_with('-');
+            let name = if is_name { &*stem } else { "mission" };
+            let command = format!("skysink new {name} {option} {}", shell_path(path));
             let message = format!("expected a scenario, TOML, as `{command}` makes one of this file");
             return Err(InputError::new("scenario", path, message));
         }
@@ -198,7 +213,7 @@ impl Scenario {
         if let Some(slots) = overrides.slots {
             scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
         }
-        let track = track::read_file(&mut scenario)?;
+        let track = track::read_file(&mut scenario, overrides.track)?;
         let first_m = scenario.uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
         let middle_m = scenario.middle_m();
         let start_m = *scenario.uav.start_m.get_or_insert(first_m.unwrap_or(middle_m));

@@ -201,10 +201,13 @@ fn fly<'a, S: Service + 'static>(
             }
         };
         flying.step(slot, ends_ns, plan.as_ref().map(|plans| &plans[..]), &mut reports, &mut wait)?;
-        drop(plan);
         if !is_recorded {
-            reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));
+            for (uav, report) in reports.iter().enumerate() {
+                let plan = plan.as_ref().and_then(|plans| plans.get(uav));
+                count_refusals(&ring.refusals, slot, plan, report);
+            }
         }
+        drop(plan);
         journal.save(slot, &[], &reports)?; // before they are published
         publish(flying.fleet(), slot, &reports)?;
     }
@@ -212,9 +215,11 @@ fn fly<'a, S: Service + 'static>(
 }
 
 /// Counts the refusals of a plan of the slot.
-fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
+fn count_refusals(refusals: &Refusals, slot: u64, plan: Option<&Plan>, report: &FlightReport) {
     if report.refused > 0 {
+        let is_finite = |plan: &Plan| plan.waypoint().iter().all(|coordinate| coordinate.is_finite());
         let refusal = match HoldReason::from_repr(report.hold).unwrap_or_default() {
+            HoldReason::Waypoint if !plan.is_none_or(is_finite) => Refusal::NotFinite,
             HoldReason::Waypoint => Refusal::Waypoint,
             HoldReason::Base => Refusal::Base,
             HoldReason::Zone => Refusal::Zone,

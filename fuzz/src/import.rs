@@ -1,31 +1,26 @@
-//! Files of other programs: positions of sensor nodes, zones, flight logs, heights of the ground and arrays of links.
+//! Files of other programs: positions of sensor nodes, zones and arrays of links.
 
 use skysink_common::channel::LinkMap;
 use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::geodata::{Zone, check_geodetic, read_zones};
-use skysink_lab::import::{self, FlightLog, Frame, HeightGrid};
+use skysink_lab::import::{self, Frame};
 
 use crate::world::{assert_one_line, file};
 
 /// A file is refused in one line, or all that is read of it is in range. The first line of the input is its extension.
 pub fn files(bytes: &[u8]) {
     let Some(end) = bytes.iter().position(|&byte| byte == b'\n') else { return };
-    let extensions = ["csv", "kml", "kmz", "gpx", "geojson", "log", "asc", "npz"];
+    let extensions = ["csv", "kml", "kmz", "gpx", "geojson", "npz"];
     let Some(extension) = extensions.iter().find(|extension| extension.as_bytes() == &bytes[..end]) else { return };
     let text = &bytes[end + 1..];
     let path = file(&format!("import.{extension}"), text);
-    let survey = match *extension {
-        "log" => Some(FlightLog::read(&path).map(|log| assert!(log.rows.len() > 1))),
-        "asc" => Some(HeightGrid::read(&path).map(|grid| assert!(grid.cell_m > 0.0))),
-        "npz" => Some(LinkMap::read(&path, None).map(|map| assert!(map.has_rates()))),
-        _ => None,
-    };
-    if let Some(read) = survey {
+    if *extension == "npz" {
+        let read = LinkMap::read(&path, None).map(|map| assert!(map.has_rates()));
         return read.unwrap_or_else(|error| assert_one_line(&error));
     }
     let has = |word: &str| text.windows(word.len()).any(|found| found.eq_ignore_ascii_case(word.as_bytes()));
     let refused = |message: &str| assert!(!message.contains("NaN") || has("nan") || has("&#"), "{message}");
-    match import::read(&path) {
+    match import::read(&path, None) {
         Err(error) => {
             assert_one_line(&error);
             refused(&error.message);
@@ -41,7 +36,7 @@ pub fn files(bytes: &[u8]) {
             assert!(imported.to_csv([0.0; 2]).lines().count() > imported.sensors.len());
         }
     }
-    match read_zones(&path) {
+    match read_zones(&path, None) {
         Err(error) => {
             assert_one_line(&error);
             refused(&error.message);

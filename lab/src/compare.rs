@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use skysink_common::error::InputError;
+use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 use skysink_mission::Replay;
 use strum::VariantArray;
@@ -13,6 +14,7 @@ use crate::error::LabError;
 use crate::statistics::{Concentration, MeanInterval, holm, paired_differences};
 use crate::sweep::definition::Definition;
 use crate::sweep::journal::{MissionRows, missions_of};
+use crate::unflown::UnflownFlights;
 use skysink_mission::metrics::{Metric, MetricValues, MissionMeter};
 
 /// A strategy over several fields, or a run, in a comparison.
@@ -74,6 +76,12 @@ impl Contender {
         }
         let values = meter.values(replay.plant(), Some(&replay.summary().timing), None);
         Ok(Self { label: label.to_owned(), missions: BTreeMap::from([(replay.scenario().seed, values)]) })
+    }
+
+    /// Its missions whose plans were not flown as they were decided, over `scenario` with any seed.
+    #[must_use]
+    pub fn unflown(&self, scenario: &Scenario) -> Option<UnflownFlights> {
+        UnflownFlights::of(&self.label, scenario, self.missions.iter().map(|(seed, values)| (*seed, values)))
     }
 
     /// A metric of the mission with this seed.

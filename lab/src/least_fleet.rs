@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use rayon::prelude::*;
 use serde::Serialize;
 use skysink_common::error::InputError;
+use skysink_common::message::Mode;
 use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -23,8 +24,10 @@ use crate::drawing::page::Look;
 use crate::drawing::style::{BEST_KNOWN_STYLE, styles_of};
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
-use crate::sweep::results::{number, text};
+use crate::sweep::results::{AxisType, number};
+use crate::unflown::UnflownFlights;
 use skysink_mission::metrics::Support;
+use skysink_mission::unflown::UnflownPlans;
 
 /// What is asked.
 #[derive(Debug, Clone)]
@@ -55,7 +58,22 @@ pub struct LeastFleets {
     pub strategy: String,
     /// By seed: the least number of UAVs; null if more than the most are needed.
     pub uavs: BTreeMap<u64, Option<u32>>,
+    /// By seed: the plans of these fleets that were not flown as they were decided.
+    #[serde(skip)]
+    unflown: Vec<(u64, Option<UnflownPlans>)>,
 }
+
+impl LeastFleets {
+    /// The flights of these fleets whose plans were not flown as they were decided.
+    #[must_use]
+    pub fn unflown(&self) -> Option<UnflownFlights> {
+        let value = self.value.as_ref().map_or_else(String::new, |value| format!(" at {value}"));
+        UnflownFlights::of_plans(&format!("{}{value}", self.strategy), self.unflown.iter().copied())
+    }
+}
+
+/// Whether a fleet is enough, and its plans that were not flown as they were decided.
+type Tried = (bool, Option<UnflownPlans>);
 
 /// The name of the bound in results.
 pub const BOUND: &str = "bound";
@@ -97,35 +115,41 @@ impl FleetQuestion {
     }
 
     /// Whether `uavs` UAVs lose no more than asked; for the bound whether it is not excluded.
-    fn is_enough(&self, case: &Case, uavs: u32, stop: &Stop) -> Result<bool, LabError> {
+    fn is_enough(&self, case: &Case, uavs: u32, stop: &Stop) -> Result<Tried, LabError> {
         let scenario = self.scenario(case, uavs)?;
         let list = SensorList::of(&scenario)?;
         let most_bits = self.loss_rate * list.mission_bits(&scenario);
         if case.strategy.is_none() {
             let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
-            return Ok(bound.loss_bits as f64 <= most_bits);
+            return Ok((bound.loss_bits as f64 <= most_bits, None));
         }
         let mut mission = Mission::until(&scenario, &list, stop)?;
         let mut lost_bits = 0;
+        let [mut held_slots, mut refused] = [0; 2];
         for record in &mut mission {
             stop.check()?;
+            for flight in record.flights.iter().filter(|flight| !flight.awaits_pad()) {
+                held_slots += u64::from(flight.flown_mode() == Mode::Hold);
+                refused += u64::from(flight.refused);
+            }
             lost_bits = record.header.totals.lost_bits;
             if lost_bits as f64 > most_bits {
                 break;
             }
         }
         stop.check()?;
-        Ok(lost_bits as f64 <= most_bits)
+        let unflown = UnflownPlans::of(&scenario, mission.slot(), [held_slots, refused], None);
+        Ok((lost_bits as f64 <= most_bits, unflown))
     }
 
     /// The least fleet of a case; `None` if the most are too few.
-    fn least(&self, case: &Case, stop: &Stop) -> Result<Option<u32>, LabError> {
+    fn least(&self, case: &Case, stop: &Stop) -> Result<(Option<u32>, Option<UnflownPlans>), LabError> {
         for uavs in 1..=self.most {
-            if self.is_enough(case, uavs, stop)? {
-                return Ok(Some(uavs));
+            if let (true, unflown) = self.is_enough(case, uavs, stop)? {
+                return Ok((Some(uavs), unflown));
             }
         }
-        Ok(None)
+        Ok((None, None))
     }
 
     /// Finds the least fleets. Fleets are tried in ascending order, because a larger one may lose more.
@@ -158,16 +182,19 @@ impl FleetQuestion {
         };
         let found = cases.par_iter().map(least).collect::<Result<Vec<_>, LabError>>()?;
         let mut fleets: Vec<LeastFleets> = Vec::new();
-        for (case, uavs) in cases.iter().zip(found) {
+        for (case, (uavs, unflown)) in cases.iter().zip(found) {
             if case.seed == seed {
                 let strategy = case.strategy.unwrap_or(BOUND).to_owned();
                 fleets.push(LeastFleets {
                     value: case.value.map(|setting| setting.value.clone()),
                     strategy,
                     uavs: BTreeMap::new(),
+                    unflown: Vec::new(),
                 });
             }
-            fleets.last_mut().expect("the first seed begins one").uavs.insert(case.seed, uavs);
+            let fleet = fleets.last_mut().expect("the first seed begins one");
+            fleet.uavs.insert(case.seed, uavs);
+            fleet.unflown.push((case.seed, unflown));
         }
         Ok(fleets)
     }
@@ -180,9 +207,10 @@ impl FleetQuestion {
     pub fn write(&self, fleets: &[LeastFleets], out: &Path) -> Result<Vec<PathBuf>, LabError> {
         let key = self.over.first().map_or("value", |setting| setting.key.as_str());
         let mut table = format!("{key},strategy,seed,uavs\n");
+        let axis = AxisType::of_values(self.over.iter().map(|setting| &setting.value));
         for fleet in fleets {
             for (seed, uavs) in &fleet.uavs {
-                let value = fleet.value.as_ref().map_or_else(String::new, text);
+                let value = fleet.value.as_ref().map_or_else(String::new, |value| axis.cell(value));
                 let uavs = uavs.map_or_else(String::new, |uavs| uavs.to_string());
                 table += &format!("{value},{},{seed},{uavs}\n", fleet.strategy);
             }

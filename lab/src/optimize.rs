@@ -4,6 +4,7 @@
 //! strategies. The best one is written as a run.
 
 use std::cmp::Ordering;
+use std::iter;
 use std::ops::ControlFlow;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -23,6 +24,7 @@ use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
+use crate::unflown::UnflownFlights;
 use skysink_mission::bounds::{MissionBounds, bounds, fraction, loss_rate};
 use skysink_mission::metrics::{Metric, MissionMeter};
 
@@ -55,6 +57,8 @@ pub struct BestKnown {
     pub scenario: Scenario,
     /// The sensor nodes.
     pub list: SensorList,
+    /// The flights whose plans were not flown as they were decided.
+    pub unflown: Vec<UnflownFlights>,
     /// Duration of the search.
     pub took: Duration,
     /// The plan of `offline`, if it is the best flight.
@@ -173,15 +177,16 @@ pub fn optimize(
         let begin = Instant::now();
         let searched = search(&offline, steps, &list, stop, on_progress);
         let took = begin.elapsed();
-        let flown: Result<Vec<(Standing, u64)>, LabError> = flown.join().expect("a flight does not panic");
+        let flown: Result<Vec<FlownStrategy>, LabError> = flown.join().expect("a flight does not panic");
         (searched, took, flown)
     });
     let SearchResult { plan, steps_done, end } = searched?;
     let mut flown = flown?;
     flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // stays first among equals
-    flown.sort_by(|(a, _), (b, _)| a.order(b));
-    let (best, known_bits) = flown[0];
-    let standings = flown.into_iter().map(|(standing, _)| standing).collect();
+    flown.sort_by(|a, b| a.standing.order(&b.standing));
+    let FlownStrategy { standing: best, lost_bits: known_bits, .. } = flown[0];
+    let standings = flown.iter().map(|flown| flown.standing).collect();
+    let unflown = flown.into_iter().filter_map(|flown| flown.unflown).collect();
     let MissionBounds { loss_bound, expected_loss_bound, objective_bound, score_bound } =
         bounds(&offline, &list, known_bits);
     let best_other = others().find(|scenario| scenario.planner.strategy == best.strategy);
@@ -208,7 +213,7 @@ pub fn optimize(
         strategies: standings,
         version: VERSION,
     };
-    Ok(BestKnown { optimum, scenario, list, took, plan })
+    Ok(BestKnown { optimum, scenario, list, unflown, took, plan })
 }
 
 /// The approximate number of search steps that this machine does in `time`, including the trial that measures it.
@@ -291,13 +296,21 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
     Mission::by(scenario, list, &mut make, &Stop::default())
 }
 
-/// Simulates the strategy of a scenario and returns its loss, as a loss rate and in bits.
+/// A strategy that was simulated.
+struct FlownStrategy {
+    standing: Standing,
+    /// Its loss [bit].
+    lost_bits: u64,
+    unflown: Option<UnflownFlights>,
+}
+
+/// Simulates the strategy of a scenario.
 fn standing(
     scenario: &Scenario,
     plan: Option<&[u8]>,
     list: &SensorList,
     stop: &Stop,
-) -> Result<(Standing, u64), LabError> {
+) -> Result<FlownStrategy, LabError> {
     let strategy = Registered::of(scenario)?.name;
     let mut mission = mission(scenario, plan, list)?;
     let mut meter = MissionMeter::new(scenario, list);
@@ -313,7 +326,8 @@ fn standing(
             .filter(|_| !Settings::of(scenario).is_ok_and(|keys| keys.objective.is_loss())),
         score: value(Metric::Score),
     };
-    Ok((standing, lost_bits))
+    let unflown = UnflownFlights::of(strategy, scenario, iter::once((scenario.seed, &values)));
+    Ok(FlownStrategy { standing, lost_bits, unflown })
 }
 
 /// Parses a time with its unit; without a unit, in seconds.

@@ -6,6 +6,7 @@ use std::io;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
+use skysink_common::file_locks::with_remedy;
 use skysink_common::scenario::Scenario;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext as _;
@@ -149,7 +150,7 @@ impl Library {
     pub(crate) fn locked(&self, lock: fn(&File) -> io::Result<()>) -> Result<Option<File>, MissionError> {
         let Some(folder) = self.folder() else { return Ok(None) };
         let path = folder.join(INDEX);
-        Ok(Some(File::open(&path).and_then(|index| lock(&index).map(|()| index)).at(&path)?))
+        Ok(Some(File::open(&path).and_then(|index| lock(&index).map(|()| index).map_err(with_remedy)).at(&path)?))
     }
 
     /// Whether the plan file of the best known flight is there, and no other.

@@ -236,7 +236,9 @@ pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(),
 /// Plans with the strategy of the scenario or another.
 impl Pilot for FleetPlanner {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
-        Ok(plan_next(self, plant).into_iter().map(Some).collect())
+        let plans = plan_next(self, plant);
+        self.require_finite(plant.slot() + 1, &plans).map_err(MissionError::from)?;
+        Ok(plans.into_iter().map(Some).collect())
     }
 
     fn path(&self, uav: usize) -> &[Point3<f64>] {

@@ -6,6 +6,7 @@ use std::io;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
+use skysink_common::file_locks::with_remedy;
 use tempfile::TempDir;
 
 use crate::error::{FileContext, MissionError};
@@ -30,6 +31,9 @@ impl Earlier {
         if force { Self::Replaced } else { Self::Kept }
     }
 }
+
+/// Locks a file.
+type LockFile = fn(&File) -> Result<(), TryLockError>;
 
 /// The files of a kind of folder.
 #[derive(Debug)]
@@ -102,9 +106,25 @@ impl FolderLayout {
         cannot_create: impl FnOnce(io::Error) -> E,
         check: impl Fn() -> Result<(), E>,
     ) -> Result<Option<OutputFolder>, E> {
+        self.open_by(File::try_lock, path, cannot_create, check)
+    }
+
+    fn open_by<E: From<MissionError>>(
+        &'static self,
+        lock: LockFile,
+        path: &Path,
+        cannot_create: impl FnOnce(io::Error) -> E,
+        check: impl Fn() -> Result<(), E>,
+    ) -> Result<Option<OutputFolder>, E> {
+        let is_new = !path.exists();
         fs::create_dir_all(path).map_err(cannot_create)?;
         check()?;
-        let Some(folder) = self.lock(path)? else { return Ok(None) };
+        let locked = self.lock_new(lock, path).inspect_err(|_| {
+            if is_new {
+                let _ = fs::remove_dir(path); // empty: the lock file is removed
+            }
+        });
+        let Some(folder) = locked? else { return Ok(None) };
         check()?;
         folder.remove_unfinished()?;
         Ok(Some(folder))
@@ -114,12 +134,22 @@ impl FolderLayout {
     /// process has locked it.
     ///
     /// # Errors
-    /// If the lock file cannot be opened, or is a link.
+    /// If the lock file cannot be opened, is a link, or the file system has no locks; a new lock file is then removed.
     pub fn lock(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
+        self.lock_new(File::try_lock, path)
+    }
+
+    fn lock_new(&'static self, lock: LockFile, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
         let mut options = File::options();
         options.read(true).append(true).create(true);
         options.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
-        self.lock_by(File::try_lock, path, &options)
+        let lock_path = path.join(self.lock);
+        let is_new = fs::symlink_metadata(&lock_path).is_err();
+        self.lock_by(lock, path, &options).inspect_err(|_| {
+            if is_new {
+                let _ = fs::remove_file(&lock_path);
+            }
+        })
     }
 
     /// Locks the folder `path` for reading, like [`FolderLayout::lock`]. The lock file must exist.
@@ -132,7 +162,7 @@ impl FolderLayout {
 
     fn lock_by(
         &'static self,
-        lock: fn(&File) -> Result<(), TryLockError>,
+        lock: LockFile,
         path: &Path,
         options: &OpenOptions,
     ) -> Result<Option<OutputFolder>, MissionError> {
@@ -141,7 +171,7 @@ impl FolderLayout {
         match lock(&file) {
             Ok(()) => Ok(Some(OutputFolder { layout: self, path: path.to_owned(), lock: file })),
             Err(TryLockError::WouldBlock) => Ok(None),
-            Err(TryLockError::Error(error)) => Err(error).at(&lock_path),
+            Err(TryLockError::Error(error)) => Err(with_remedy(error)).at(&lock_path),
         }
     }
 }
@@ -330,6 +360,27 @@ mod tests {
         assert_eq!(result(), "earlier");
         third.replace_earlier().unwrap();
         assert_eq!((names(place.path()), result()), (vec!["a.csv".to_owned(), "lock".to_owned()], "new".to_owned()));
+    }
+
+    #[test]
+    fn without_locks_nothing_is_left_and_the_error_says_what_to_do() {
+        let lock: LockFile = |_| Err(TryLockError::Error(io::Error::from_raw_os_error(38)));
+        let place = tempfile::tempdir().unwrap();
+        let error = |source| MissionError::File { path: place.path().to_owned(), source };
+        let [new, old] = ["new", "old"].map(|name| place.path().join(name));
+        fs::create_dir(&old).unwrap();
+        for path in [&new, &old] {
+            let refused = LAYOUT.open_by(lock, path, error, || Ok(())).unwrap_err().to_string();
+            assert!(
+                refused.contains("/lock: its file system has no locks (flock, os error 38): use a folder on"),
+                "{refused}"
+            );
+        }
+        assert_eq!(names(place.path()), ["old"]);
+        assert!(names(&old).is_empty());
+        fs::write(old.join("lock"), "kept").unwrap();
+        LAYOUT.open_by(lock, &old, error, || Ok(())).unwrap_err();
+        assert_eq!(names(&old), ["lock"]);
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! | [`metrics`], `trapped` | the metrics of a mission; UAVs that stay in one part of the area |
 //! | [`bounds`] | what no flight exceeds |
 //! | [`summary`], `losses`, [`sensor_results`] | the results of a run; those of each sensor node |
+//! | [`unflown`] | plans that were not flown as they were decided |
 //! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
 //! | [`latency`] | latencies of the ring |
 //!
@@ -38,6 +39,7 @@ pub mod slot_log;
 pub mod summary;
 pub mod trace;
 mod trapped;
+pub mod unflown;
 
 pub use drive::drive;
 pub use error::MissionError;

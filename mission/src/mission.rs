@@ -93,7 +93,7 @@ impl Mission {
     /// Drives the mission to its end, or until `stop`, which also ends a search.
     ///
     /// # Errors
-    /// If an observer fails.
+    /// If an observer fails, or the waypoint of a strategy has NaN or infinity.
     pub fn drive(&mut self, observers: &mut [&mut dyn Observer], stop: &Stop) -> Result<End, MissionError> {
         self.planner.set_stop(stop);
         drive(&mut self.plant, &mut self.planner, observers, stop)
@@ -113,7 +113,8 @@ impl Mission {
 impl Iterator for Mission {
     type Item = SlotRecord;
 
-    /// Plans and flies the next slot; `None` after the last, and once a stop is requested.
+    /// Plans and flies the next slot; `None` after the last, once a stop is requested, and at a waypoint with NaN, where
+    /// [`Mission::drive`] fails.
     fn next(&mut self) -> Option<SlotRecord> {
         let stop = self.planner.stop().clone();
         step(&mut self.plant, &mut self.planner, &stop).ok()?;

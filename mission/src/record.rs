@@ -24,6 +24,9 @@ use crate::trace::SLOT_COLUMNS;
 /// The results of each sensor node.
 pub(crate) const SENSOR_RESULTS: &str = "sensors_out.csv";
 
+/// What other commands, and the Python package, make of a run.
+const DERIVED: [&str; 2] = [SENSOR_RESULTS, "slots.parquet"];
+
 /// The figures of the run.
 const SUMMARY: &str = "summary.json";
 
@@ -34,13 +37,13 @@ const CHECK_KEY: &str = ",\n  \"check\": ";
 const TRACE: &str = "slots.csv";
 
 /// The other files of a run, except its recordings.
-const FILES: [&str; 8] =
-    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, SUMMARY, "optimum.json", "vehicles.json", SENSOR_RESULTS];
+const FILES: [&str; 7] =
+    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, SUMMARY, "optimum.json", "vehicles.json"];
 
 /// The files of a run.
 static LAYOUT: FolderLayout = FolderLayout {
     lock: TRACE,
-    is_result: |name| FILES.contains(&name) || is_recording(name),
+    is_result: |name| FILES.contains(&name) || DERIVED.contains(&name) || is_recording(name),
     is_temporary: origin::is_source,
 };
 
@@ -84,7 +87,12 @@ impl RunFolder {
         Self::check(out, earlier)?;
         let path = out.map_or_else(|| make_default(scenario, mode), |out| Ok(out.to_owned()))?;
         let check = || Self::check(Some(&path), earlier);
-        let folder = LAYOUT.open(&path, |error| cannot_make(&path, error), check)?.ok_or_else(|| locked(&path))?;
+        let opened = LAYOUT.open(&path, |error| cannot_make(&path, error), check).inspect_err(|_| {
+            if out.is_none() {
+                let _ = fs::remove_dir(&path); // the new folder of a default name is empty
+            }
+        });
+        let folder = opened?.ok_or_else(|| locked(&path))?;
         let beside = list.files_beside(scenario);
         let beside = beside.map(|(name, text)| SourceFile { name: name.to_owned(), bytes: text.into() });
         let sources = mode.sources.iter().cloned().chain(beside).collect();
@@ -241,12 +249,12 @@ impl RunFolder {
         self.summary().is_ok_and(|summary| summary.complete)
     }
 
-    /// Removes the results of each SN, if present.
+    /// Removes what was made of the slots so far: the results of each SN, and the slots as Parquet.
     ///
     /// # Errors
-    /// If the file cannot be removed.
-    pub fn remove_sensor_results(&self) -> Result<(), MissionError> {
-        remove_if_present(&self.path().join(SENSOR_RESULTS))
+    /// If a file cannot be removed.
+    pub fn remove_derived(&self) -> Result<(), MissionError> {
+        DERIVED.iter().try_for_each(|name| remove_if_present(&self.path().join(name)))
     }
 
     /// The summary of the run, as it was written.

@@ -9,6 +9,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord};
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_path;
 use skysink_planner::settings;
 
 use crate::drive::{Observer, SlotSink as _, drive};
@@ -154,7 +155,7 @@ impl RecordedRun {
         let expected = replay.scenario().slots;
         if slots.len() as u64 != expected {
             let last = slots.len();
-            let resume = folder.display();
+            let resume = shell_path(folder);
             let message = format_args!(
                 "it ends after slot {last}: expected {expected} slots, of a run that has ended (a run of the ring is \
                  resumed by skysink run --resume {resume})"

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use skysink_common::csv_cell::decimal;
 use skysink_common::message::LinkReport;
 use skysink_common::slot_record::{SlotRecord, uploads};
 
@@ -148,16 +149,17 @@ fn csv(replay: &Replay, tally: &SensorTally) -> String {
     for ((id, sensor), result) in list.sensors().iter().enumerate().zip(results) {
         let SensorResult { sampled_bits, delivered_bits, lost_bits, queued_bits, loss_rate, .. } = result;
         let SensorResult { served_slots, mean_age_s, longest_gap_s, first_loss_slot, .. } = result;
+        let [x_m, y_m] = [sensor.position.x, sensor.position.y].map(decimal);
+        let [loss_rate, mean_age_s, longest_gap_s] = [loss_rate, mean_age_s, longest_gap_s].map(decimal);
         let first_loss_slot = first_loss_slot.map_or_else(String::new, |slot| slot.to_string());
         write!(
             text,
-            "{id},{},{},{sampled_bits},{delivered_bits},{lost_bits},{queued_bits},{loss_rate},{served_slots},\
-             {mean_age_s},{longest_gap_s},{first_loss_slot}",
-            sensor.position.x, sensor.position.y
+            "{id},{x_m},{y_m},{sampled_bits},{delivered_bits},{lost_bits},{queued_bits},{loss_rate},{served_slots},\
+             {mean_age_s},{longest_gap_s},{first_loss_slot}"
         )
         .expect("a string takes everything");
         if has_weights {
-            write!(text, ",{}", sensor.weight).expect("a string takes everything");
+            write!(text, ",{}", decimal(sensor.weight)).expect("a string takes everything");
         }
         list.end_line(&mut text, list.name(id).unwrap_or_default());
     }

@@ -78,12 +78,13 @@ impl Journaled {
         flights: &[FlightReport],
         links: &[HeardLink],
         queues_bits: &[u32],
-    ) -> Result<ByUav<Plan>, RingError> {
+    ) -> Result<ByUav<Plan>, NodeError> {
         self.resume(slot)?;
         self.planner.hear(links);
         self.planner.observe(slot - 1, flights, queues_bits);
         let plans = self.planner.step(slot, flights, queues_bits);
         self.planner.stop().check()?;
+        self.planner.require_finite(slot, &plans)?;
         self.journal.save(slot, &[], &self.planner)?;
         self.planner.stop().check()?; // a strategy that cannot be saved has failed
         Ok(plans)

@@ -31,7 +31,7 @@ use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team,
 /// and the sensor nodes. With known queues most strategies are stateless: a plan does not depend on the slots before.
 pub struct Planner {
     /// The name in the scenario.
-    strategy_name: String,
+    pub(crate) strategy_name: String,
     pub(crate) table: MissionTable,
     pub(crate) strategy: Box<dyn Strategy>,
     rules: RuleBook,

@@ -30,6 +30,7 @@ from skysink._skysink import (
 )
 from skysink.flight import Comparison, compare, simulate
 from skysink.models import Arrivals, Channel
+from skysink.recording import parquet
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 from skysink.visits import VisitPlan, plan_visits
@@ -57,6 +58,7 @@ __all__ = [
     "__version__",
     "compare",
     "library",
+    "parquet",
     "plan_visits",
     "ring",
     "simulate",

@@ -30,12 +30,17 @@ __all__ = [
     "View",
     "__build__",
     "__version__",
+    "expected_rates_bps",
     "fly_ring",
+    "latex",
     "library_copy",
     "library_instances",
     "library_verify",
     "plan_ring",
+    "positions_m",
+    "simplified_polygons",
     "simulate",
+    "table_of",
     "visits_of",
 ]
 
@@ -439,7 +444,7 @@ class Decision:
         """``waypoint`` [m]; without z, a free altitude is the best for the SNs served. ``serve`` contains ids, by default
         those of the n fullest in range, by weight and queue.
 
-        Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
+        Raises :class:`InputError` for a waypoint of another shape, or with NaN or infinity, and for more than 64 SNs.
         """
 
     @property
@@ -532,6 +537,12 @@ class Run:
 
     def __len__(self) -> int: ...
 
+def latex(text: str) -> str:
+    """The text in LaTeX, for every engine and encoding of fonts."""
+
+def table_of(folder: str | PathLike[str]) -> tuple[str, Table]:
+    """The table of :func:`skysink.parquet`, and the name of the CSV file with its rows."""
+
 def simulate(
     scenario: Scenario,
     strategy: Strategy | Callable[[], Strategy] | str | None = None,
@@ -546,6 +557,23 @@ def visits_of(
     """The visits of :func:`skysink.plan_visits`, a row each: slot, SN, x and y [m]; their cost, and a bound.
 
     ``places`` has a row for each SN: x and y [m], buffer [bit], rate [bit/s], weight, queue [bit].
+    """
+
+def expected_rates_bps(
+    scenario: Scenario, gain: float, d2_m2: NDArray[np.float64], rise_m: float
+) -> NDArray[np.float64]:
+    """The expected rates [bit/s] of the links of a sensor node with this ``gain`` to UAVs at the squares of horizontal
+    distances ``d2_m2`` [m²], ``rise_m`` [m] above it.
+    """
+
+def positions_m(origin_deg: Sequence[float], positions_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Latitudes and longitudes [°], [N, 2], as x and y [m] in the area whose south-west corner is at ``origin_deg``."""
+
+def simplified_polygons(
+    polygons: Sequence[Sequence[tuple[float, float]]], most: int, tolerance_m: float, kept: Sequence[tuple[float, float]]
+) -> list[list[tuple[float, float]]]:
+    """Polygons [m] that grow by at most ``tolerance_m``, but not over the places ``kept``, until they have at most
+    ``most`` corners altogether.
     """
 
 def library_instances() -> list[dict[str, Any]]: ...
@@ -624,6 +652,7 @@ class EnvironmentCore:
     def expert(self, strategy: str) -> Any: ...
     def state(self) -> NDArray[np.float32]: ...
     def clone(self) -> EnvironmentCore: ...
+    def alone(self, index: int) -> EnvironmentCore: ...
     def save(self) -> tuple[list[bytes], bytes]: ...
     def restore(self, saved: tuple[Sequence[bytes], bytes]) -> None: ...
     def run(self, label: str) -> Run: ...

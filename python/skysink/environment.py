@@ -73,6 +73,12 @@ Observation = dict[str, NDArray[np.float32]]
 Action = Any
 """float32 [2] or [3], or an integer if the action is a sensor node; of a vector [num_envs] of them."""
 
+OF_EACH = ("field", "uav", "queues_bits", "sampling_bps", "belief")
+"""What each environment of a vector has of its own."""
+
+FLYING = ("step", "reset", "fly", "follow", "run")
+"""What an environment alone can do, and none of a vector."""
+
 MAX_SEED = 2**63 - 1
 """The largest seed of a scenario."""
 
@@ -376,6 +382,30 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
             raise InputError(f"{len(several)} seeds: expected {self.num_envs}")
         observation = self._core.reset(following(first, self.num_envs) if several is None else several, mask)
         return observation, self._info(seed=np.array(self._core.seeds))
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What each environment has under this name, as the vectors of Gymnasium tell it: ``field``, ``uav``,
+        ``queues_bits``, ``sampling_bps``, ``belief`` and ``scenario`` of its own, its spaces, its action of
+        ``call("expert", "tour")`` and mask of ``call("action_masks")``, or what all have in common.
+
+        Raises :class:`skysink.InputError` for methods that fly: a vector is flown as a whole.
+        """
+        if name in OF_EACH:
+            return tuple(getattr(self._core.alone(index), name) for index in range(self.num_envs))
+        if name in ("expert", "action_masks"):
+            return tuple(getattr(self, name)(*args, **kwargs))
+        if name == "scenario":
+            return tuple(self.scenarios[index % len(self.scenarios)] for index in range(self.num_envs))
+        if name in ("observation_space", "action_space"):
+            return (getattr(self, f"single_{name}"),) * self.num_envs
+        if name in FLYING or callable(getattr(self, name)):
+            expected = ", ".join([*OF_EACH, "scenario", "expert", "action_masks"])
+            raise InputError(f"call({name!r}): a vector is flown as a whole, by step() and reset(): expected {expected}")
+        return (getattr(self, name),) * self.num_envs
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """The attribute of each environment, as :meth:`call` tells it."""
+        return self.call(name)
 
     def _info(self, **arrays: NDArray[Any]) -> dict[str, Any]:
         """The information on all environments, each with its mask of those that it is of."""

@@ -46,16 +46,11 @@ class Comparison(list[dict[str, Any]]):
             return f"{entry['mean']:.4g}" + (f" {{[}}{limits[0]:.4g}, {limits[1]:.4g}]" if limits else "")
 
         labels = list(dict.fromkeys(entry["label"] for entry in self))
-        rows = [["strategy", *map(escaped, columns)]]
-        rows += [[escaped(label), *(cell(found.get((label, name))) for name in columns)] for label in labels]
+        rows = [["strategy", *map(_skysink.latex, columns)]]
+        rows += [[_skysink.latex(label), *(cell(found.get((label, name))) for name in columns)] for label in labels]
         head, *lines = [f"  {' & '.join(row)} \\\\\n" for row in rows]
         begin = f"\\begin{{tabular}}{{l{'r' * len(columns)}}}\n  \\toprule\n{head}  \\midrule\n"
         return begin + "".join(lines) + "  \\bottomrule\n\\end{tabular}\n"
-
-
-def escaped(text: str) -> str:
-    """A text for LaTeX."""
-    return "".join(f"\\{one}" if one in "#$%&_{}" else one for one in text.replace("\\", "/"))
 
 
 def scenario_of(scenario: Scenario | str | PathLike[str]) -> Scenario:
@@ -89,7 +84,8 @@ def simulate(
     ``"python:FILE:CLASS"``; an object may have parameters that no file holds, so its mission is refused.
 
     Raises :class:`skysink.InputError` for bad input. Exceptions of a Python strategy are propagated with a note that
-    names the slot.
+    names the slot. Warns with a ``RuntimeWarning`` of a mission that has held or refused more than 1 % of its slots
+    (``docs/src/metrics.md``), as do ``compare`` and ``sweep``.
     """
     base = scenario_of(scenario)
     models = Models(arrivals, channel)

@@ -1,16 +1,21 @@
-"""Converts runs to data frames and rerun recordings."""
+"""Converts results to data frames, Parquet files and rerun recordings."""
 
 from __future__ import annotations
 
 import importlib
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from skysink._skysink import Run, Table
+from skysink._skysink import Run, Table, table_of
 
 RAMP = 256
 """Number of colours."""
+
+ROWS_PER_GROUP = 65_536
+"""Maximum number of rows of a row group of a Parquet file, which readers hold in memory."""
 
 
 def need(module: str, extra: str) -> Any:
@@ -31,6 +36,30 @@ def to_polars(table: Table) -> Any:
     """The table as a ``polars.DataFrame``, which shares memory."""
     polars = need("polars", "frames")
     return polars.DataFrame(table)
+
+
+def parquet(folder: str | PathLike[str]) -> Path:
+    """Writes the results in a folder as Parquet, beside the CSV file with the same rows, and returns the path.
+
+    For a run that is ``slots.parquet``: the rows of ``slots.csv``, with lists in ``scheduled`` and ``uploads_bits``,
+    the bits uploaded by each of these SNs. For a sweep it is ``results.parquet``. An existing file is replaced. Needs
+    pyarrow (``pip install './python[frames]'``).
+
+    Raises :class:`skysink.InputError` for another folder, an incomplete run, or a sweep without results.
+    """
+    pyarrow = need("pyarrow", "frames")
+    writer = need("pyarrow.parquet", "frames")
+    name, table = table_of(folder)
+    rows = pyarrow.table(table)
+    rows = rows.cast(pyarrow.schema([field.with_nullable(True) for field in rows.schema]))  # in every file of a kind
+    path = (Path(folder) / name).with_suffix(".parquet")
+    unfinished = path.with_name(f".{path.name}.new")
+    try:
+        writer.write_table(rows, unfinished, row_group_size=ROWS_PER_GROUP)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return path
 
 
 def show(run: Run, width: int | None = None, height: int | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 import tomllib
@@ -84,7 +85,7 @@ def sweep(
 
     ``arrivals`` and ``channel`` are models as in :func:`skysink.simulate`; a folder that was flown with them is extended
     or repeated with the same. ``progress`` is called with the number of finished and of all missions, or says whether to
-    show a bar on standard error, by default where that is a terminal.
+    show a bar on standard error, by default where that is a terminal; lines where it is none, or one with ``TERM=dumb``.
 
     Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
     gave up, calling ``sweep`` again continues. More seeds, or more strategies behind those of the sweep in the folder,
@@ -107,25 +108,44 @@ def sweep(
 
 
 class Bar:
-    """A bar on standard error, with the time that is left."""
+    """A bar on standard error, with the time that is left, without escape sequences; a line for each tenth of the missions
+    where no terminal draws over what it has shown.
+    """
 
     def __init__(self) -> None:
         self.begin: tuple[float, int] | None = None
+        self.shown = ""
+        self.tenths = 0
 
     def __call__(self, done: int, count: int) -> None:
-        """Draws the bar."""
+        """Draws the bar, or writes the line."""
         now = time.monotonic()
         begin_s, before = self.begin = self.begin or (now, done)
         left = f", {(now - begin_s) / (done - before) * (count - done):.0f} s left" if before < done < count else ""
-        filled = "#" * (20 * done // max(count, 1))
-        print(f"\r[{filled:<20}] {done} of {count} missions{left}\x1b[K", end="\n" if done == count else "", file=sys.stderr, flush=True)
+        line = f"{done} of {count} missions{left}"
+        if redraws():
+            bar = f"[{'#' * (20 * done // max(count, 1)):<20}] {line}"
+            print(f"\r{bar:<{len(self.shown)}}", end="\n" if done == count else "", file=sys.stderr, flush=True)
+            self.shown = bar
+            return
+        tenths = 10 * done // max(count, 1)
+        if tenths > self.tenths or done == count:
+            self.tenths = tenths
+            print(line, file=sys.stderr, flush=True)
+
+
+def redraws() -> bool:
+    """Whether standard error is a terminal that draws over what it has shown: those of Emacs and of some CI say by
+    ``TERM=dumb`` that they do not.
+    """
+    return sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb", "unknown")
 
 
 def teller(progress: Progress | None) -> Callable[[int, int], object] | None:
     """What is told the progress, if anything."""
     if callable(progress):
         return progress
-    return Bar() if progress or progress is None and sys.stderr.isatty() else None
+    return Bar() if progress or progress is None and redraws() else None
 
 
 def told(rows: Iterable[Row], plan: SweepPlan, missing: Sequence[Key], progress: Progress | None) -> Iterator[Row]:

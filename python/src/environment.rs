@@ -415,6 +415,14 @@ impl PyEnvironmentCore {
         Clone::clone(self)
     }
 
+    /// A copy of one environment of a vector, by its number from 0.
+    fn alone(&self, index: usize) -> PyResult<Self> {
+        let count = self.episodes.len();
+        let episode = self.episodes.get(index);
+        let episode = episode.ok_or_else(|| refused(format!("environment {index}: expected 0 to {}", count - 1)))?;
+        Ok(Self { episodes: vec![episode.clone()], actions: Vec::new(), plans: Vec::new() })
+    }
+
     /// The episodes as bytes, and the plans of the slots of a single one.
     fn save(&self) -> (Vec<Vec<u8>>, Vec<u8>) {
         let plans: Vec<Plan> = self.plans.iter().map(|plan| **plan).collect();

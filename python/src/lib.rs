@@ -23,8 +23,11 @@ mod scenario;
 mod signals;
 mod simulate;
 mod strategy;
+mod survey;
 mod sweeps;
 mod table;
+mod tables;
+mod unflown;
 mod values;
 mod vehicle;
 mod view;
@@ -57,9 +60,13 @@ mod _skysink {
     #[pymodule_export]
     use super::strategy::PyDecision;
     #[pymodule_export]
+    use super::survey::{expected_rates_bps, positions_m, simplified_polygons};
+    #[pymodule_export]
     use super::sweeps::{PySweepPlan, PySweepRecord};
     #[pymodule_export]
     use super::table::PyTable;
+    #[pymodule_export]
+    use super::tables::{latex, table_of};
     #[pymodule_export]
     use super::view::{PyFlight, PyNeighbours, PyView};
     #[pymodule_export]

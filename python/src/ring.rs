@@ -7,7 +7,7 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use skysink::worker::{self, RingArguments};
 use skysink_common::scenario::Scenario;
-use skysink_common::stop::Stopped;
+use skysink_common::stop::{Stop, Stopped};
 use skysink_flight_sim::node as flight_sim;
 use skysink_planner::node as planner;
 use skysink_ring::error::NodeError;
@@ -30,7 +30,7 @@ pub fn plan_ring(py: Python<'_>, strategy: &Bound<'_, PyAny>, ring: PathBuf, sce
     let planned = py.detach(|| {
         planner::run_by::<ipc::Service>(&scenario, &folder, &signals.stop, &mut |setup| strategies.next(setup))
     });
-    end(py, Role::Planner, planned, &raised)
+    end(py, Role::Planner, planned, &raised, &signals.stop)
 }
 
 /// Flies the plans of the ring in the folder `ring` by `vehicle` until the mission ends, and returns the exit code.
@@ -43,7 +43,7 @@ pub fn fly_ring(py: Python<'_>, vehicle: Py<PyAny>, ring: PathBuf, scenario: Pat
         let mut vehicles = PyVehicle::of_uavs(vehicle, &scenario, &raised);
         flight_sim::run_by::<ipc::Service>(&scenario, &folder, &signals.stop, &mut vehicles, reached_m)
     });
-    end(py, Role::FlightSim, flown, &raised)
+    end(py, Role::FlightSim, flown, &raised, &signals.stop)
 }
 
 /// Reads the scenario, and enters the ring.
@@ -52,7 +52,7 @@ fn join(ring: PathBuf, scenario: PathBuf) -> PyResult<(Scenario, RingFolder)> {
 }
 
 /// The exit code of a process, or the exception of its Python code.
-fn end(py: Python<'_>, role: Role, result: Result<(), NodeError>, raised: &Raised) -> PyResult<u8> {
+fn end(py: Python<'_>, role: Role, result: Result<(), NodeError>, raised: &Raised, stop: &Stop) -> PyResult<u8> {
     // The handler in Python of a signal that has stopped the process may raise an exception.
     if let Err(error) = py.check_signals()
         && !error.is_instance_of::<PyKeyboardInterrupt>(py)
@@ -64,5 +64,5 @@ fn end(py: Python<'_>, role: Role, result: Result<(), NodeError>, raised: &Raise
         Err(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => return Err(error),
         raised => raised.map_or_else(interrupted, |()| result),
     };
-    Ok(worker::exit_code(role, result))
+    Ok(worker::exit_code(role, result, stop))
 }

@@ -11,7 +11,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
 use skysink_common::stop::Stop;
-use skysink_lab::tables::{sensor_columns, slot_columns};
 use skysink_mission::drive::{Observer, Planned, SlotSink};
 use skysink_mission::folder::Earlier;
 use skysink_mission::metrics::{Metric, MissionMeter};
@@ -28,6 +27,8 @@ use crate::field::PyField;
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 use crate::table::PyTable;
+use crate::tables::{sensor_columns, slot_columns};
+use crate::unflown::warn_of_run;
 use crate::values::{Reduced, json};
 
 /// Records a mission in memory.
@@ -137,6 +138,11 @@ impl PyRun {
             *strategy = format!("{PYTHON}{}:{class}", source.name);
         }
         scenario
+    }
+
+    /// Warns if more than 1 % of its slots are held or refused.
+    pub fn warn(&self, py: Python<'_>) -> PyResult<()> {
+        warn_of_run(py, &self.summary, &self.scenario.scenario)
     }
 
     /// Without planning times.

@@ -43,7 +43,9 @@ pub fn simulate(
     let scenario = scenario.get().with(seed.into_iter().chain(planner))?;
     let list = scenario.list()?;
     let Some(strategy) = strategy.filter(|_| name.is_none()) else {
-        return interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission);
+        let run = interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission)?;
+        run.warn(py)?;
+        return Ok(run);
     };
     let stop = Stop::default();
     let raised = Raised::new(&stop);
@@ -56,7 +58,9 @@ pub fn simulate(
     let scenario = scenario.flown_by(&name)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     let plant = drive_python(py, &scenario.scenario, &list, strategies, &mut recorder)?;
-    Ok(recorder.end(scenario, list, &plant, python_mode(label.unwrap_or(class), sources)))
+    let run = recorder.end(scenario, list, &plant, python_mode(label.unwrap_or(class), sources));
+    run.warn(py)?;
+    Ok(run)
 }
 
 pub fn checked_label(text: &str) -> PyResult<String> {

@@ -37,13 +37,16 @@ impl PyDecision {
     /// ``waypoint`` [m]; without z, a free altitude is that which is best for the SNs that are served. ``serve``
     /// contains ids, by default those of the n fullest in range, by weight and queue.
     ///
-    /// Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
+    /// Raises :class:`InputError` for a waypoint of another shape, or with NaN or infinity, and for more than 64 SNs.
     #[new]
     #[pyo3(signature = (waypoint, serve = None))]
     fn new(waypoint: &Bound<'_, PyAny>, serve: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let waypoint_m = coordinates(waypoint)?;
         if !(2..=3).contains(&waypoint_m.len()) {
             return Err(refused(format!("waypoint {waypoint}: expected (x, y) or (x, y, z) [m]")));
+        }
+        if waypoint_m.iter().any(|coordinate| !coordinate.is_finite()) {
+            return Err(refused(format!("waypoint {waypoint_m:?}: expected finite coordinates [m]")));
         }
         let id = |id: PyResult<Bound<'_, PyAny>>| {
             let id = id?;

@@ -15,7 +15,6 @@ use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows};
 use skysink_lab::sweep::manifest::STANDINGS;
 use skysink_lab::sweep::plan::Sweep;
-use skysink_lab::sweep::results::mission_columns;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
 use skysink_mission::files::write_whole;
@@ -30,6 +29,8 @@ use crate::signals::interruptible;
 use crate::simulate::drive_python;
 use crate::strategy::{PyStrategies, Raised};
 use crate::table::PyTable;
+use crate::tables::mission_columns;
+use crate::unflown::warn_of_sweep;
 use crate::values::json;
 
 /// Point, index of the strategy, seed.
@@ -155,12 +156,12 @@ impl PySweepPlan {
             (journal, raised)
         })?;
         raised.check()?;
-        self.table(&journal.map_err(of_lab)?.rows)
+        self.table(py, &journal.map_err(of_lab)?.rows)
     }
 
     /// A row per mission.
-    fn rows(&self, all: Vec<Row>) -> PyResult<PyTable> {
-        self.table(&rows(all)?)
+    fn rows(&self, py: Python<'_>, all: Vec<Row>) -> PyResult<PyTable> {
+        self.table(py, &rows(all)?)
     }
 
     /// All metrics of the strategies of a comparison.
@@ -184,12 +185,14 @@ impl PySweepPlan {
             write_whole(&folder.join(STANDINGS), (text + "\n").as_bytes()).map_err(of_mission)?;
             json(py, &standings)
         };
-        Ok((comparison.map(write).transpose()?, self.table(&rows)?))
+        Ok((comparison.map(write).transpose()?, self.table(py, &rows)?))
     }
 }
 
 impl PySweepPlan {
-    fn table(&self, rows: &MissionRows) -> PyResult<PyTable> {
+    /// The table of all missions, after a warning if many plans were not flown as they were decided.
+    fn table(&self, py: Python<'_>, rows: &MissionRows) -> PyResult<PyTable> {
+        warn_of_sweep(py, &self.0, rows)?;
         let rows: Vec<MissionRow> = rows.values().copied().collect();
         PyTable::new(mission_columns(&self.0.definition, &rows))
     }

@@ -15,7 +15,7 @@ from conftest import ROOT, run, same_files
 
 CLUSTER = ROOT / "examples" / "cluster"
 
-FILES = ["results.csv", "results.parquet", "summary.csv"]
+FILES = ["results.csv", "summary.csv"]
 
 SHARDS = 5
 

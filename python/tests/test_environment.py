@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +197,49 @@ def test_wrappers_of_gymnasium_work(smoke: skysink.Scenario) -> None:
         *_, info = envs.step(envs.action_space.sample())
         returns += [info["episode"]["r"]] if "episode" in info else []
     assert len(returns) == 1 and (returns[0] <= 0).all()
+
+
+def test_a_vector_tells_what_each_of_its_environments_has(smoke: skysink.Scenario) -> None:
+    two = [smoke, smoke.replace({"sensors.sampling_bps": 300.0})]
+    envs = gymnasium.make_vec("skysink:skysink/DataCollection-v0", num_envs=3, scenario=two, action="sensor")
+    assert isinstance(envs, DataCollectionVectorEnv)
+    singles = [DataCollectionEnv(two[index % 2], action="sensor") for index in range(3)]
+    envs.reset(seed=4)
+    for index, single in enumerate(singles):
+        single.reset(seed=4 + index)
+    for _ in range(20):
+        actions = envs.call("expert", "gfs")
+        assert list(actions) == [single.expert("gfs") for single in singles]
+        envs.step(np.array(actions))
+        for single, action in zip(singles, actions, strict=True):
+            single.step(action)
+    assert envs.get_attr("uav") == tuple(single.uav for single in singles)
+    for name in ("queues_bits", "sampling_bps"):
+        told = envs.get_attr(name)
+        assert len(told) == 3 and all(np.array_equal(one, getattr(single, name)) for one, single in zip(told, singles, strict=True))
+    masks = envs.call("action_masks")
+    assert len(masks) == 3 and all(np.array_equal(mask, single.action_masks()) for mask, single in zip(masks, singles, strict=True))
+    assert [scenario["sensors.sampling_bps"] for scenario in envs.get_attr("scenario")] == [100.0, 300.0, 100.0]
+    assert envs.get_attr("action_space") == (singles[0].action_space,) * 3
+    assert envs.get_attr("observation_space") == (singles[0].observation_space,) * 3
+    assert envs.get_attr("fields") == envs.get_attr("render_mode") == (None,) * 3
+    ages = envs.get_attr("belief")[1].age_slots
+    assert np.array_equal(ages, singles[1].belief.age_slots)
+    for name in ("step", "run", "follow", "clone"):
+        with pytest.raises(skysink.InputError, match=f"call\\('{name}'\\): a vector is flown as a whole"):
+            envs.call(name)
+    with pytest.raises(AttributeError, match="weather"):
+        envs.get_attr("weather")
+
+
+def test_a_spawned_worker_finds_the_environment_by_the_module_in_its_id() -> None:
+    code = """if True:
+        import gymnasium
+        for make in (gymnasium.make, gymnasium.make_vec):
+            print(make("skysink:skysink/DataCollection-v0").reset(seed=3)[1])
+    """
+    made = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert made.stdout.count("seed") >= 2, made
 
 
 def test_unknown_options_of_reset_are_refused(smoke: skysink.Scenario) -> None:

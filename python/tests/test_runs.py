@@ -115,7 +115,7 @@ def test_the_command_line_reads_a_saved_run_and_refuses_to_fly_it(smoke: skysink
     skysink.simulate(smoke, "gfs").save(place / "other")
     run("report", "run", "--sensors", cwd=place)
     run("compare", "run", "other", cwd=place)
-    run("export", "run", "--format", "csv", "--out", "run.csv", "--origin", "47,8", cwd=place)
+    run("export", "run", "--format", "csv", "--out", "run.csv", "--origin", "47,8", "--north", "true", cwd=place)
     run("replay", "run", "--no-viewer", cwd=place)
     run("check", "run/scenario.toml", cwd=place)
     for words in (["simulate"], ["run", "--no-viewer"]):

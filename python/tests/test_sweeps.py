@@ -20,7 +20,7 @@ from conftest import ROOT, run, same_files
 
 import skysink
 
-FILES = ["results.csv", "results.parquet", "summary.csv"]
+FILES = ["results.csv", "summary.csv"]
 
 SWEEP = f"""
 scenario = "{ROOT}/scenarios/smoke.toml"
@@ -59,7 +59,7 @@ def test_a_sweep_has_the_bytes_of_the_command_line(by_command: Path, file: Path,
             results = skysink.sweep(file, tmp_path / "mine", executor=workers)
     same_files(by_command, tmp_path / "mine", FILES)
     assert len(results) == 120
-    assert polars.DataFrame(results).equals(polars.read_parquet(by_command / "results.parquet"))
+    assert polars.DataFrame(results).equals(polars.read_parquet(skysink.parquet(by_command)))
 
 
 class Dying(Executor):
@@ -242,10 +242,33 @@ def test_a_bar_is_shown_on_a_terminal_alone(file: Path, tmp_path: Path, capfd: p
     assert capfd.readouterr() == ("", "")
     skysink.sweep(file, tmp_path / "shown", progress=True)
     shown = capfd.readouterr()
-    assert shown.out == "" and "[##########          ] 60 of 120 missions, " in shown.err and shown.err.endswith("120 of 120 missions\x1b[K\n")
+    lines = shown.err.splitlines()
+    assert shown.out == "" and "\r" not in shown.err and "\x1b" not in shown.err
+    assert len(lines) == 10 and lines[4].startswith("60 of 120 missions, ") and lines[-1] == "120 of 120 missions"
+    assert b"\r[####################] 4 of 4 missions" in on_terminal("", "xterm")
+    assert b"\x1b" not in on_terminal("", "xterm")
+
+
+@pytest.mark.parametrize("term", ["dumb", "unknown", "", None])
+def test_a_terminal_that_does_not_redraw_gets_no_bar(term: str | None) -> None:
+    assert on_terminal("", term) == b""
+    lines = on_terminal(", progress=True", term)
+    assert lines.endswith(b"4 of 4 missions\r\n") and b"\x1b" not in lines and b"[#" not in lines
+    assert lines.count(b"\r") == lines.count(b"\n") == 4, "those of the ends of lines"
+
+
+def on_terminal(arguments: str, term: str | None) -> bytes:
+    """What a comparison of four missions writes to a terminal as its standard error."""
     terminal, other = os.openpty()
-    code = f"import skysink; skysink.compare({str(ROOT / 'scenarios' / 'smoke.toml')!r}, ['gfs', 'uts'], seeds=2)"
-    with os.fdopen(other, "wb") as stderr:
-        subprocess.run([sys.executable, "-P", "-c", code], stderr=stderr, check=True)
-    assert b"4 of 4 missions" in os.read(terminal, 100_000)
-    os.close(terminal)
+    smoke = str(ROOT / "scenarios" / "smoke.toml")
+    code = f"import skysink; skysink.compare({smoke!r}, ['gfs', 'uts'], seeds=2{arguments})"
+    variables = {name: value for name, value in os.environ.items() if name != "TERM"} | ({} if term is None else {"TERM": term})
+    subprocess.run([sys.executable, "-P", "-c", code], stderr=other, env=variables, check=True)
+    os.set_blocking(terminal, False)
+    try:
+        return os.read(terminal, 100_000)
+    except BlockingIOError:
+        return b""
+    finally:
+        os.close(other)
+        os.close(terminal)

@@ -101,7 +101,7 @@ def test_a_lagging_vehicle_is_en_route_and_loses_more(place: Path) -> None:
     run("simulate", LETTER, "--out", "alone", cwd=place)
     for command in (["report", "run", "--sensors"], ["replay", "run", "--no-viewer"], ["compare", "run", "alone"]):
         run(*command, cwd=place)
-    run("export", "run", "--format", "qgc-plan", "--origin", "47,8", "--ignore-endurance", cwd=place)
+    run("export", "run", "--format", "qgc-plan", "--origin", "47,8", "--north", "true", "--ignore-endurance", cwd=place)
     assert json.loads((place / "run-replay" / "replay.json").read_text())["trace_hash"] == summary(place)["trace_hash"]
 
 

@@ -4,7 +4,7 @@
 //! folder. The lock file is created before the folder and removed after it.
 
 use std::fmt::Debug;
-use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use iceoryx2::prelude::{Config, FilePath, SemanticString};
 use rand::RngExt;
+use skysink_common::file_locks::with_remedy;
 
 use crate::error::RingError;
 use crate::home::{SHARED_MEMORY, clear_abandoned, home, lock_path, prefix, remove};
@@ -220,10 +221,14 @@ fn lock_new(path: &Path) -> io::Result<Option<File>> {
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
         lock => lock?,
     };
-    if lock.try_lock().is_err() {
-        return Ok(None);
+    match lock.try_lock() {
+        Ok(()) => Ok(is_at(&lock, path).then_some(lock)),
+        Err(TryLockError::WouldBlock) => Ok(None),
+        Err(TryLockError::Error(error)) => {
+            let _ = fs::remove_file(path);
+            Err(with_remedy(error))
+        }
     }
-    Ok(is_at(&lock, path).then_some(lock))
 }
 
 /// The file with the path of the run folder.

@@ -34,8 +34,11 @@ pub enum Refusal {
     /// It names a UAV or a sensor node that does not exist.
     #[strum(to_string = "expected links of the UAVs and SNs of the mission")]
     Links,
-    /// The waypoint of a plan is not finite, out of reach, or outside the area.
-    #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
+    /// The waypoint of a plan has NaN or infinity.
+    #[strum(to_string = "waypoint with NaN or infinity: the UAV holds")]
+    NotFinite,
+    /// The waypoint of a plan is out of reach, or outside the area.
+    #[strum(to_string = "waypoint out of reach, or outside the area: the UAV holds")]
     Waypoint,
     /// A plan charges outside the base.
     #[strum(to_string = "the UAV is not in the base: it holds instead of charging")]

@@ -11,6 +11,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use rustix::fs::{Timespec, Timestamps, UTIME_NOW, futimens};
+use skysink_common::file_locks::with_remedy;
 use skysink_common::terminal::one_line;
 use strum::{EnumString, FromRepr, IntoStaticStr, VariantArray};
 
@@ -85,7 +86,7 @@ impl RoleLock {
                 let message = format_args!("there is a {} already: end it first", role.name());
                 return Err(RingError::folder(folder, message));
             }
-            Err(TryLockError::Error(error)) => return Err(io(error)),
+            Err(TryLockError::Error(error)) => return Err(io(with_remedy(error))),
         }
         let restarts = read_count(&file).map_err(io)?;
         file.write_all_at(&(restarts + 1).to_le_bytes(), 0).map_err(io)?;

@@ -17,6 +17,7 @@ pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
         sides_m: [scenario.area.width_m(), scenario.area.height_m()],
         origin: scenario.area.origin(),
         nodes: &nodes,
+        ground_m: list.ground_m(),
         node_name: &node_name,
         polygons: &scenario.polygons,
         comm_radius_m: scenario.link.comm_radius_m,

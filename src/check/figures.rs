@@ -23,6 +23,7 @@ use super::links::LinkFigures;
 use super::motion::MotionFigures;
 use super::quantity::{percent, scaled, short};
 use super::radio::RadioFigures;
+use super::track::FixedFlight;
 use super::verdict::{Bounds, LossFree, Round};
 
 /// Maximum number of SNs whose nearest neighbour is searched, approximately. In larger fields, every k-th SN is
@@ -48,6 +49,9 @@ pub struct Figures {
     pub reach_m: f64,
     /// What the slots demand of a vehicle, and what wind and errors do.
     pub motion: MotionFigures,
+    /// The flight that is fixed (`uav.track`); `None` if strategies fly.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub track: Option<FixedFlight>,
     /// What battery and base allow; `None` if the UAV need not come back.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<EnergyFigures>,
@@ -121,6 +125,7 @@ impl Figures {
             slots: scenario.slots,
             reach_m,
             motion: MotionFigures::of(scenario),
+            track: FixedFlight::of(scenario),
             energy: EnergyFigures::of(scenario, &sensors),
             comm_radius_m,
             anchor_radius_m: reach_m - comm_radius_m,

@@ -12,12 +12,14 @@ use crate::report::print;
 #[command(after_help = "\
 Examples:
   skysink export runs/chicago-uts-1 --format geojson
-  skysink export runs/letter-uts-1 --format qgc-plan --origin 47.3977,8.5456
+  skysink export runs/letter-uts-1 --format geojson --origin 47.3977,8.5456 \\
+    --north true
   skysink export runs/farm-tour-1 --format qgc-plan --min-bits 1000
 
-Vehicle missions (qgc-plan, waypoints) are refused if a part takes longer than
-uav.endurance_s, or more energy than uav.battery has. They assume still air.
-The pilot in command is responsible.")]
+Vehicle missions (qgc-plan, waypoints, dji) are refused if a part takes longer
+than uav.endurance_s, or more energy than uav.battery has, or if UAVs of a fleet
+come within uav.separation_m. They assume still air. No aircraft has flown a
+file of dji. The pilot in command is responsible.")]
 pub struct ExportCommand {
     #[command(flatten)]
     export: Export,

@@ -12,6 +12,7 @@ use skysink_mission::error::FileContext as _;
 use crate::error::{Error, ended_early};
 use crate::options::{Changes, strategy};
 use crate::report::{OutputForm, TerminalProgress, print, table, with_numbers_from};
+use crate::unflown::warn_of_flights;
 
 /// Find the fewest UAVs that lose no data, or at most a fraction, by strategy and by a bound.
 #[derive(Debug, Args)]
@@ -78,6 +79,7 @@ impl FleetCommand {
             }
             None => Vec::new(),
         };
+        warn_of_flights(&fleets.iter().filter_map(LeastFleets::unflown).collect::<Vec<_>>());
         form.print(&fleets, || {
             print_fleets(&question, &fleets)?;
             files.iter().try_for_each(|file| print(file.display()))

@@ -9,6 +9,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_path;
 use skysink_library::{Claim, FlownFlight, Library, ListedInstance, NamedValue, OpenInstance, Placement};
 use skysink_mission::Mission;
 use skysink_mission::record::{RunFolder, is_run_folder};
@@ -124,7 +125,7 @@ impl LibraryCommand {
             LibraryAction::Copy { name, to } => {
                 let path = library.copy(&library.find(&name)?, &to)?;
                 form.print(&path, || {
-                    let path = path.display();
+                    let path = shell_path(&path);
                     print(format_args!(
                         "Copied. Fly it with your planner: skysink run {path} --planner COMMAND --out DIR"
                     ))

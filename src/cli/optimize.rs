@@ -13,6 +13,7 @@ use crate::error::{Error, ended_early};
 use crate::options::{Changes, NewFolder, RecordingOptions, ScenarioFile};
 use crate::report::{OutputForm, TerminalProgress, figure, print, print_run, table, with_numbers_from};
 use crate::simulate::simulate;
+use crate::unflown::warn_of_flights;
 
 /// Search for the best flight by planner.objective and compare all strategies with it.
 #[derive(Debug, Args)]
@@ -55,6 +56,7 @@ impl OptimizeCommand {
         let mission = found.mission()?;
         let (folder, summary) = simulate(&found.scenario, &found.list, mission, &folder, recording.every(), stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
+        warn_of_flights(&found.unflown);
         form.print(&found.optimum, || {
             print_optimum(&found)?;
             print_run(&folder, &summary)

@@ -10,6 +10,7 @@ use skysink_mission::sensor_results::{self, SensorTally};
 
 use crate::error::Error;
 use crate::report::{print, print_run};
+use crate::unflown::warn_of_run;
 
 /// Print the results of a run, simulated again from its trace.
 #[derive(Debug, Args)]
@@ -41,6 +42,7 @@ impl ReportCommand {
             None => replay.add_up(stop)?,
         }
         let summary = replay.summary();
+        warn_of_run(summary, replay.scenario());
         if self.json {
             print(serde_json::to_string_pretty(summary).expect("plain numbers and strings"))?;
         } else {

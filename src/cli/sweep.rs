@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_path;
 use skysink_lab::sweep::estimate::estimate;
 use skysink_lab::sweep::manifest::Manifest;
 use skysink_lab::sweep::plan::Sweep;
@@ -11,9 +12,11 @@ use skysink_lab::sweep::results::few;
 use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::sweep;
+use skysink_lab::unflown::UnflownFlights;
 
 use crate::error::{Error, ended_early, flown_in};
 use crate::report::{TerminalProgress, print, warn_of_few};
+use crate::unflown::warn_of_flights;
 
 /// Simulate a grid of scenarios with several strategies and seeds. Running the command again resumes the sweep, or
 /// extends it by more seeds and strategies.
@@ -83,12 +86,13 @@ impl SweepCommand {
             return print(format_args!("No missions: shard {shard} is beyond the {fields} fields"));
         }
         print(format_args!("{count} missions: {}", out.join("results.csv").display()))?;
+        warn_of_flights(&UnflownFlights::of_sweep(&plan, &journal.rows)?);
         if shard != Shard::WHOLE {
             return print("Merge all shards: skysink merge SHARD... --out DIR");
         }
         print(format_args!("Means: {}", out.join("summary.csv").display()))?;
         warn_of_few(few(&journal).into_iter());
-        print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))
+        print(format_args!("Draw them: skysink plot {} --x KEY", shell_path(&out)))
     }
 }
 

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
+use skysink_common::markup::markdown;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::sweep::manifest::RECORDING;
@@ -65,7 +66,7 @@ fn page(shown: &[ShownContender]) -> String {
         };
         page += &format!(
             "| {} | {} | {} | {} |\n",
-            one.contender.label,
+            markdown(&one.contender.label),
             value(Metric::LossRate, 1.0, 4),
             value(Metric::DeliveredBits, 1e-6, 3),
             value(Metric::FlownM, 1e-3, 2),

@@ -9,20 +9,13 @@ use skysink_common::geodata::projection::Projection;
 use skysink_common::geodata::{Zone, ZoneKind, Zones, check_geodetic};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, LEAST_FILLED, Origin, Overrides, Scenario};
-use skysink_lab::import::{self, Imported};
+use skysink_lab::import::plan::PLAN;
+use skysink_lab::import::{GROUND, Imported};
 
 use super::field::NewField;
-use super::import::{MARGIN_M, Sources, beyond, doubted_system, of_sensors, sides, start_line};
-
-/// Approximate length of a degree of latitude [m].
-const DEGREE_M: f64 = 111_000.0;
-
-/// Side of an area that contains all positions for which the tangent plane is accurate [m].
-const VAST_M: f64 = 1e6;
-
-/// Distances of the corner of the area from the sensor nodes, tried in this order [m]. A small one can fail: on the
-/// southern hemisphere, a point far to the east of the corner, on the same parallel, has y < 0 in the tangent plane.
-const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
+use super::geodetic_area::{GeodeticArea, SourcePosition};
+use super::import::{Sources, doubted_system, of_sensors, start_line};
+use super::plan::HOME;
 
 /// Places along each side of the area among which a free start is searched.
 const START_PLACES: u32 = 100;
@@ -36,31 +29,6 @@ const MOST_PARTS: usize = 20;
 /// Distance [m] from which on a boundary is not that of the sensor nodes.
 const FAR_M: f64 = 1e3;
 
-/// A position with its origin.
-struct SourcePosition<'a> {
-    what: &'static str,
-    path: &'a Path,
-    place: &'a str,
-    /// Latitude and longitude [°].
-    position: [f64; 2],
-}
-
-impl SourcePosition<'_> {
-    /// Its name in messages.
-    fn name(&self) -> String {
-        self.refusal("").to_string().trim_end_matches(": ").to_owned()
-    }
-
-    /// Whether it is that of the option.
-    fn is_start(&self) -> bool {
-        self.what == "option"
-    }
-
-    fn refusal(&self, message: &str) -> InputError {
-        InputError::new(self.what, self.path, format_args!("{}: {message}", self.place))
-    }
-}
-
 /// The field of positions in degrees and of zones, with a start [°] or one that is free.
 ///
 /// # Errors
@@ -68,12 +36,16 @@ impl SourcePosition<'_> {
 pub fn of_degrees(
     imported: Option<(&Imported, &Path)>,
     zones: Option<(Zones, &Path)>,
+    start: Option<[f64; 2]>,
     sources: &Sources<'_>,
 ) -> Result<NewField, InputError> {
-    let Sources { start, comm_radius_m, .. } = *sources;
-    let mut field = imported.map_or_else(NewField::default, |(imported, path)| of_sensors(imported, path, &[]));
+    let comm_radius_m = sources.comm_radius_m;
+    let mut field = imported.map_or_else(NewField::default, |(imported, path)| of_sensors(imported, path));
     let nodes: Vec<SourcePosition> = imported.iter().flat_map(|(imported, path)| positions(imported, path)).collect();
-    let (mut zones, path) = zones.unwrap_or((Zones { zones: Vec::new(), ignored: None }, Path::new("")));
+    let none = Zones { zones: Vec::new(), ignored: None, system: None };
+    let (mut zones, path) = zones.unwrap_or((none, Path::new("")));
+    field.notes.extend(zones.system.as_ref().map(|system| format!("zones {}: {}", path.display(), system.note())));
+    field.warnings.extend(doubted_system("zones", path, false, zones.system.as_ref()));
     field.notes.extend(zones.ignored.take().map(|what| format!("ignored in {}: {what}", path.display())));
     field.notes.extend(find_boundary(&mut zones.zones, &nodes, path)?);
     let zones = zones.zones;
@@ -83,24 +55,25 @@ pub fn of_degrees(
     let count = nodes.len();
     let is_enclosed = |zone: &&Zone| if has_boundary { zone.kind == ZoneKind::Boundary } else { count == 0 };
     let corners = |zone| corners(zone, path);
-    let start_text = start.map(|[lat_deg, lon_deg]| format!("{lat_deg},{lon_deg}")).unwrap_or_default();
+    let start_text = sources.start.map(|[first, second]| format!("{first},{second}")).unwrap_or_default();
     let at_start =
         |position| SourcePosition { what: "option", path: Path::new("--start"), place: &start_text, position };
-    let start = start.map(at_start);
+    let home = sources.plan.as_ref().map(|plan| SourcePosition {
+        what: PLAN,
+        path: plan.path(),
+        place: HOME,
+        position: plan.home(),
+    });
+    let start = home.or_else(|| start.map(at_start));
     if let Some(start) = &start {
         check_geodetic(start.position).map_err(|expected| start.refusal(&expected))?;
     }
     let mut enclosed = nodes;
     enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
-    let log = sources.log.as_ref().map(|log| (log.positions(), log.path())).unwrap_or_default();
-    enclosed.extend(log.0.iter().map(|&position| SourcePosition {
-        what: "flight log",
-        path: &log.1,
-        place: "a place of the flight",
-        position,
-    }));
+    let planned = sources.plan.iter().flat_map(|plan| plan.places().map(move |place| (plan.path(), place)));
+    enclosed.extend(planned.map(|(path, (place, position))| SourcePosition { what: PLAN, path, place, position }));
     enclosed.extend(start);
-    let area = GeodeticArea::around(&enclosed)?;
+    let area = GeodeticArea::around(&enclosed, count)?;
     let nodes_m = &area.positions[..count];
     field.area = area.keys();
 
@@ -138,12 +111,12 @@ pub fn of_degrees(
         sides_m: area.sides_m,
         origin: Some(area.origin),
         nodes: nodes_m,
+        ground_m: &imported.map(|(imported, _)| imported.ground_m()).unwrap_or_default(),
         node_name: &|node| enclosed[node].name(),
         polygons: &polygons,
         comm_radius_m,
     };
     field.notes.extend(listed(&zones, &outlines, &tops_m, nodes_m, path));
-    field.warnings.extend((!zones.is_empty()).then(|| doubted_system("zones", path, false)).flatten());
     field.warnings.extend(places.doubts());
     let lowest_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
     let extent = outlines.iter().find(|polygon| polygon.is_border()).map(Polygon::extent);
@@ -163,7 +136,7 @@ pub fn of_degrees(
             return Err(start.refusal("expected a place outside of zones and buildings, within the boundary"));
         }
         field.uav = start_line(&at, "");
-    } else if !airspace.is_open() && sources.log.is_none() {
+    } else if !airspace.is_open() {
         let middle = Position::from([width_m / 2.0, height_m / 2.0]);
         let extent = extent.unwrap_or([Position::origin(), Position::from(area.sides_m)]);
         let free = free_place(&airspace, nodes_m, &middle, extent).ok_or_else(|| {
@@ -295,7 +268,7 @@ fn find_boundary(zones: &mut [Zone], nodes: &[SourcePosition<'_>], path: &Path) 
 
 /// The altitude of the ground [m] at the sensor node that is nearest to a polygon; `None` if the list has none.
 fn ground_at(imported: &Imported, nodes_m: &[Position], polygon: &Polygon) -> Option<f64> {
-    let column = imported.others.iter().position(|name| *name == import::GROUND)?;
+    let column = imported.others.iter().position(|name| *name == GROUND)?;
     let nodes = nodes_m.iter().zip(&imported.sensors);
     let (_, nearest) = nodes.min_by(|(a, _), (b, _)| distance_to(polygon, a).total_cmp(&distance_to(polygon, b)))?;
     nearest.others[column].parse().ok()
@@ -344,64 +317,4 @@ fn around_most(airspace: &Airspace, nodes_m: &[Position]) -> Option<Airspace> {
     }
     // The first of equal ones.
     parts.into_iter().rev().max_by_key(|(count, _)| *count).map(|(_, part)| part)
-}
-
-/// An area in degrees.
-struct GeodeticArea {
-    /// Its south-west corner.
-    origin: Origin,
-    /// Its sides [m].
-    sides_m: [f64; 2],
-    /// The positions in it [m].
-    positions: Vec<Position>,
-}
-
-impl GeodeticArea {
-    /// The area north and east of a corner, in whose tangent plane all positions have positive coordinates.
-    fn around(places: &[SourcePosition<'_>]) -> Result<Self, InputError> {
-        let positions: Vec<[f64; 2]> = places.iter().map(|place| place.position).collect();
-        let [low_lat_deg, low_lon_deg] = import::south_west(&positions);
-        for corner_m in CORNERS_M {
-            let lat_deg = (low_lat_deg - corner_m / DEGREE_M).max(-90.0);
-            let lon_deg = low_lon_deg - corner_m / DEGREE_M / low_lat_deg.to_radians().cos().max(0.01);
-            let lon_deg = if lon_deg < -180.0 { lon_deg + 360.0 } else { lon_deg }; // west of the 180th meridian
-            let [lat_deg, lon_deg] = [lat_deg, lon_deg].map(|deg| (deg * 1e7).round() / 1e7);
-            let origin = Origin { lat_deg, lon_deg };
-            let projection = Projection::at(origin);
-            let is_within = |at: &Position| at.iter().all(|along_m| (0.0..=VAST_M).contains(along_m));
-            let project = |[lat_deg, lon_deg]: &[f64; 2]| projection.project(*lat_deg, *lon_deg).filter(is_within);
-            if let Some(positions) = positions.iter().map(project).collect::<Option<Vec<Position>>>() {
-                let last_m = positions.iter().fold(Position::origin(), |last, at| last.sup(at));
-                return Ok(Self { origin, sides_m: [last_m.x, last_m.y].map(beyond), positions });
-            }
-        }
-        let median = [0, 1].map(|axis| {
-            let mut along: Vec<f64> = positions.iter().map(|position| position[axis]).collect();
-            along.sort_by(f64::total_cmp);
-            along[along.len() / 2]
-        });
-        let projection = Projection::at(Origin { lat_deg: median[0], lon_deg: median[1] });
-        let away_m = |place: &&SourcePosition<'_>| {
-            let projected = projection.project(place.position[0], place.position[1]);
-            projected.map_or(f64::INFINITY, |at| at.coords.norm())
-        };
-        let farthest = places.iter().max_by(|a, b| away_m(a).total_cmp(&away_m(b))).expect("there are several");
-        let [lat_deg, lon_deg] = farthest.position;
-        let away = away_m(&farthest);
-        let away = if away.is_finite() { distance(away) } else { "half the Earth".to_owned() };
-        let expected = format!("expected a field of at most {}", distance(VAST_M));
-        Err(farthest.refusal(&format!("{lat_deg},{lon_deg}: {away} from the middle of the positions: {expected}")))
-    }
-
-    fn projection(&self) -> Projection {
-        Projection::at(self.origin)
-    }
-
-    /// Its keys.
-    fn keys(&self) -> String {
-        let Origin { lat_deg, lon_deg } = self.origin;
-        let origin =
-            format!("origin_lat_deg = {lat_deg:.7} # of its south-west corner, WGS84\norigin_lon_deg = {lon_deg:.7}");
-        format!("{}\n{origin}", sides(self.sides_m))
-    }
 }

@@ -14,9 +14,6 @@ pub const LIST: &str = "sensors.csv";
 pub struct NewField {
     /// Lines instead of `side_m` in `[area]`.
     pub area: String,
-    /// The translation of positions in metres into the area [m].
-    #[cfg(feature = "lab")]
-    pub shift: [f64; 2],
     /// Lines of `[uav]`.
     pub uav: String,
     /// The tables of zones and buildings.

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use skysink_common::error::InputError;
 use skysink_common::geodata::plausible::{FieldPlaces, may_be_degrees};
-use skysink_common::geodata::{ReferenceSystem, read_zones};
+use skysink_common::geodata::{Coordinates, ReferenceSystem, Zones, read_zones};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -16,9 +16,8 @@ use skysink_lab::import::{self, Frame, Imported};
 use super::additions::Additions;
 use super::degrees::of_degrees;
 use super::field::NewField;
-use super::log::{LoggedFlight, TRACK_LINE};
+use super::plan::PlannedFlight;
 use super::presets::Lines;
-use super::terrain::Terrain;
 
 /// Margin between the sensor nodes and the border of the area [m].
 pub(super) const MARGIN_M: f64 = 10.0;
@@ -29,51 +28,71 @@ pub struct Sources<'a> {
     pub zones: Option<&'a Path>,
     /// Where the UAV starts, in the coordinates of the positions.
     pub start: Option<[f64; 2]>,
+    /// The system of positions that are not in degrees, in files that do not name theirs.
+    pub crs: Option<ReferenceSystem>,
+    /// The plan, whose flight the area encloses.
+    pub plan: Option<PlannedFlight<'a>>,
     /// `d_c` of the radio [m].
     pub comm_radius_m: f64,
-    /// The flight log, whose flight the area encloses.
-    pub log: Option<LoggedFlight>,
-    pub terrain: Option<Terrain<'a>>,
 }
 
 impl Sources<'_> {
     /// Imports the positions and the zones; `None` without any, and without a start.
     ///
     /// # Errors
-    /// If a file is refused, zones in degrees are to lie among positions in metres, or if the start lies in a zone.
+    /// If a file is refused, zones in degrees are to lie among positions in metres, no file is in the system of the
+    /// option, or if the start lies in a zone.
     pub fn field(&self) -> Result<Option<NewField>, InputError> {
-        let logged = self.log.as_ref().map(LoggedFlight::sensors);
-        let read = |path| {
-            let mut imported = import::read(path)?;
-            if let Some(terrain) = &self.terrain {
-                terrain.add_ground(&mut imported, path)?;
-            }
-            if self.log.as_ref().is_some_and(|log| log.frame() != imported.frame) {
-                let expected = "expected positions as in the flight log, all in metres or all in degrees";
-                return Err(InputError::new("sensor positions", path, expected));
-            }
-            Ok((imported, path))
-        };
-        let imported = self.sensors.or(logged.as_deref()).map(read).transpose()?;
+        let read = |path| Ok::<_, InputError>((import::read(path, self.crs.as_ref())?, path));
+        let imported = self.sensors.map(read).transpose()?;
         let uav = self.start.map(|start_m| format!("start_m = {start_m:?}\n"));
-        let zones = self.zones.map(|path| Ok((read_zones(path)?, path))).transpose()?;
+        let zones = match &self.plan {
+            Some(plan) => Some((plan.fence(), plan.path())),
+            None => self.zones.map(|path| Ok((read_zones(path, self.crs.as_ref())?, path))).transpose()?,
+        };
+        let list = imported.as_ref().map(|(imported, _)| imported);
+        let start = self.start_within(list, zones.as_ref().map(|(zones, _)| zones))?;
         match (imported, zones) {
             (None, None) => Ok(uav.map(|uav| NewField { uav, ..NewField::default() })),
             (Some((imported, path)), None) if imported.frame == Frame::Plane => {
                 of_plane(&imported, path, self).map(Some)
             }
             (Some((Imported { frame: Frame::Plane, .. }, path)), Some(_)) => {
-                let expected = "positions in metres: expected latitudes and longitudes, as the zones have";
+                let other = if self.plan.is_some() { "the plan has" } else { "the zones have" };
+                let map = "the reference system of their map, such as --crs EPSG:25832";
+                let expected = format!("positions in metres: expected latitudes and longitudes, as {other}, or {map}");
                 Err(InputError::new("sensor positions", path, expected))
             }
             (imported, zones) => {
                 let imported = imported.as_ref().map(|(imported, path)| (imported, *path));
-                of_degrees(imported, zones, self).map(Some)
+                of_degrees(imported, zones, start, self).map(Some)
             }
         }
     }
 
-    /// What the log or the terrain adds to the `draft`.
+    /// The start in the frame of the positions, which is latitude and longitude if they were converted to it.
+    fn start_within(&self, imported: Option<&Imported>, zones: Option<&Zones>) -> Result<Option<[f64; 2]>, InputError> {
+        let refuse = |option, message: &str| InputError::of_argument("option", option, message);
+        let of_list = imported.and_then(|imported| imported.system.as_ref());
+        let of_zones = zones.and_then(|zones| zones.system.as_ref());
+        if let Some(crs) = self.crs.as_ref().filter(|crs| !crs.is_wgs84())
+            && [of_list, of_zones].into_iter().flatten().all(|system| system != crs)
+        {
+            let expected = "expected sensor positions in columns x and y, or zones, in this system";
+            return Err(refuse("--crs", &format!("{crs}: no file is in it: {expected}")));
+        }
+        let system = if imported.is_some() { of_list } else { of_zones };
+        let (Some(start), Some(on_earth)) = (self.start, system.and_then(ReferenceSystem::on_earth)) else {
+            return Ok(self.start);
+        };
+        if on_earth.is_in_degrees() {
+            return Ok(self.start);
+        }
+        let read = on_earth.to_geodetic(start);
+        read.map(Some).map_err(|message| refuse("--start", &message))
+    }
+
+    /// What the plan adds to the `draft`.
     pub fn additions(
         &self,
         field: Option<&mut NewField>,
@@ -82,16 +101,10 @@ impl Sources<'_> {
         lines: &mut Lines,
     ) -> Result<Additions, InputError> {
         let Some(field) = field else { return Ok(Additions::default()) };
-        let additions = match (&self.log, &self.terrain) {
-            (Some(log), _) => {
-                TRACK_LINE.clone_into(&mut field.uav);
-                log.additions(draft, list, field.shift, lines)?
-            }
-            (None, Some(terrain)) => terrain.additions(draft, list, field.shift, lines)?,
-            (None, None) => return Ok(Additions::default()),
-        };
-        field.zones += &additions.zones;
-        Ok(additions)
+        if let Some(plan) = &self.plan {
+            return plan.additions(draft, list, lines, &mut field.uav);
+        }
+        Ok(Additions::default())
     }
 }
 
@@ -102,15 +115,17 @@ pub(super) fn start_line(at: &Position, comment: &str) -> String {
 }
 
 /// The list of the positions in the file `path`.
-pub(super) fn of_sensors(imported: &Imported, path: &Path, flown: &[[f64; 2]]) -> NewField {
-    let shift = if imported.frame == Frame::Plane { shift(imported, flown) } else { [0.0; 2] };
+pub(super) fn of_sensors(imported: &Imported, path: &Path) -> NewField {
+    let shift = if imported.frame == Frame::Plane { shift(imported) } else { [0.0; 2] };
     NewField {
-        shift,
         list: Some(imported.to_csv(shift)),
         locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
         source: path.to_owned(),
-        notes: imported.ignored.iter().map(|what| format!("ignored: {what}")).collect(),
-        warnings: doubted_system("sensor positions", path, imported.frame == Frame::Plane)
+        notes: (imported.system.iter())
+            .map(|system| format!("sensor positions {}: {}", path.display(), system.note()))
+            .chain(imported.ignored.iter().map(|what| format!("ignored: {what}")))
+            .collect(),
+        warnings: doubted_system("sensor positions", path, imported.frame == Frame::Plane, imported.system.as_ref())
             .into_iter()
             .chain(repeated(imported, path))
             .collect(),
@@ -137,27 +152,15 @@ fn repeated(imported: &Imported, path: &Path) -> Option<String> {
     ))
 }
 
-/// Refuses lengths that the file `.prj` beside positions says are not metres on the ground.
-fn check_metres(path: &Path) -> Result<(), InputError> {
-    let Some(system) = ReferenceSystem::beside(path) else { return Ok(()) };
-    let Some(why) = &system.no_metres else { return Ok(()) };
-    let expected = "expected metres on the ground, such as those of UTM, or latitudes and longitudes (or this .prj belongs to \
-                    another file: move it away)";
-    Err(InputError::new("sensor positions", path, format_args!("{system}: {why}: {expected}")))
-}
-
 /// The field of positions in metres, in the file `path`.
 fn of_plane(imported: &Imported, path: &Path, sources: &Sources<'_>) -> Result<NewField, InputError> {
     let Sources { start, comm_radius_m, .. } = *sources;
-    check_metres(path)?;
-    let flown = sources.log.as_ref().map(LoggedFlight::positions).unwrap_or_default();
-    let mut field = of_sensors(imported, path, &flown);
-    let shift = field.shift;
+    let mut field = of_sensors(imported, path);
+    let shift = shift(imported);
     let in_area = |position: [f64; 2]| Position::new(position[0] + shift[0], position[1] + shift[1]);
     let nodes: Vec<Position> = imported.sensors.iter().map(|sensor| in_area(sensor.position)).collect();
     let start = start.map(in_area);
-    let flown = flown.into_iter().map(in_area);
-    let last_m = nodes.iter().copied().chain(start).chain(flown).fold(Position::origin(), |last, at| last.sup(&at));
+    let last_m = nodes.iter().copied().chain(start).fold(Position::origin(), |last, at| last.sup(&at));
     let sides_m = [last_m.x, last_m.y].map(beyond);
     field.area = sides(sides_m);
     if shift != [0.0; 2] {
@@ -175,9 +178,18 @@ fn of_plane(imported: &Imported, path: &Path, sources: &Sources<'_>) -> Result<N
         field.uav = start_line(&at, "");
     }
     let node_name = |node: usize| format!("sensor positions {}: {}", path.display(), imported.sensors[node].place);
-    let places =
-        FieldPlaces { sides_m, origin: None, nodes: &nodes, node_name: &node_name, polygons: &[], comm_radius_m };
+    let ground_m = &imported.ground_m();
+    let places = FieldPlaces {
+        sides_m,
+        origin: None,
+        nodes: &nodes,
+        ground_m,
+        node_name: &node_name,
+        polygons: &[],
+        comm_radius_m,
+    };
     field.warnings.extend(places.doubts());
+    field.warnings.extend(map_grid(imported, path));
     if let [sensor] = &imported.sensors[..]
         && may_be_degrees(&sensor.position)
     {
@@ -188,29 +200,38 @@ fn of_plane(imported: &Imported, path: &Path, sources: &Sources<'_>) -> Result<N
     Ok(field)
 }
 
-/// What a file `.prj` beside positions in metres or degrees says against them.
-pub(super) fn doubted_system(what: &str, path: &Path, is_plane: bool) -> Option<String> {
-    let system = ReferenceSystem::beside(path)?;
-    let taken = match (is_plane, system.is_projected) {
-        (true, true) => {
-            "its metres are taken as those of a plane without latitude and longitude; its north is up to 3° beside true \
-             north: for flights outdoors convert them to lat and lon"
-        }
-        (true, false) => "are its metres degrees?",
-        (false, _) if system.is_wgs84 => return None,
+/// Least coordinates of positions in metres [m] that are probably those of a map.
+const LEAST_MAP_M: f64 = 10e3;
+
+/// Metres that are probably those of a map, whose system is not known.
+fn map_grid(imported: &Imported, path: &Path) -> Option<String> {
+    let [low, _] = imported.bounds();
+    let is_map = low.iter().all(|along_m| along_m.abs() > LEAST_MAP_M);
+    let map = "their metres are probably those of a map, whose north is up to 5° beside true north";
+    let remedy = "name its system, such as --crs EPSG:25832, to get latitudes and longitudes";
+    is_map.then(|| format!("sensor positions {}: {map}: {remedy}", path.display()))
+}
+
+/// What a file `.prj` says against positions in metres, or in degrees that were not read in a `system`.
+pub(super) fn doubted_system(
+    what: &str,
+    path: &Path,
+    is_plane: bool,
+    system: Option<&ReferenceSystem>,
+) -> Option<String> {
+    let beside = ReferenceSystem::beside(path).filter(|beside| system.is_none() && !beside.is_wgs84())?;
+    let taken = match (is_plane, &beside.coordinates) {
+        (true, Coordinates::Local(_)) => "its metres are taken as those of a plane without latitude and longitude",
+        (true, _) => return None,
         (false, _) => "its degrees are taken as those of WGS84",
     };
-    Some(format!("{what} {}: {system}: {taken}", path.display()))
+    Some(format!("{what} {}: {beside}: {taken}", path.display()))
 }
 
 /// The translation of positions in a plane [m]: to the origin if some are negative, or if all are farther from it than
-/// their extent. Positions that were `flown` over count, too.
-fn shift(imported: &Imported, flown: &[[f64; 2]]) -> [f64; 2] {
-    let [mut low, mut high] = imported.bounds();
-    for axis in 0..2 {
-        low[axis] = flown.iter().map(|position| position[axis]).fold(low[axis], f64::min);
-        high[axis] = flown.iter().map(|position| position[axis]).fold(high[axis], f64::max);
-    }
+/// their extent.
+fn shift(imported: &Imported) -> [f64; 2] {
+    let [low, high] = imported.bounds();
     [0, 1].map(|axis| {
         let is_far = low[axis] < 0.0 || low[axis] > (high[axis] - low[axis]).max(MARGIN_M);
         if is_far { MARGIN_M - low[axis] } else { 0.0 }

@@ -22,7 +22,7 @@ const JERK_S: f64 = 3.0;
 /// Altitude of a new scenario with a drone [m].
 const ALTITUDE_M: f64 = 30.0;
 
-/// Keys of the paper's radio, which another one replaces; a map only those of the rates, the first.
+/// Keys of the paper's radio, which another one replaces.
 const OF_PAPERS_RADIO: [&str; 7] = [
     "link.bandwidth_hz",
     "link.tx_power_w",
@@ -32,10 +32,6 @@ const OF_PAPERS_RADIO: [&str; 7] = [
     "link.comm_radius_m",
     "link.resource_blocks",
 ];
-
-/// How many of them are of the rates.
-#[cfg(feature = "lab")]
-const OF_RATES: usize = 5;
 
 /// The head of the file.
 const HEADER: &str = "\
@@ -57,6 +53,21 @@ const HEADER: &str = "\
 #   list has none.
 ";
 
+/// The head of the file of a plan.
+#[cfg(feature = "lab")]
+const PLAN_HEADER: &str = "\
+# The flight of a plan for Skysink. Next:
+#   skysink check FILE                      prints keys, figures and warnings
+#   skysink simulate FILE --out runs/NAME   simulates it: what this flight loses
+#   skysink optimize FILE                   and what no flight would lose
+#
+# Assumed; change what differs.
+# - The flight begins above home, at its altitude. Corners take no time.
+# - link.comm_s of each slot are for communication, from where the slot ends.
+# - Buffers, sampling rates and, without --radio, links are the paper's (arXiv
+#   2103.00753), where the sensor list has none.
+";
+
 /// Radio and drone of a new scenario.
 #[derive(Debug, Clone, Default, Args)]
 pub struct Hardware {
@@ -73,6 +84,8 @@ pub struct Hardware {
 pub struct Lines {
     lines: Vec<(&'static str, String)>,
     is_of_hardware: bool,
+    #[cfg(feature = "lab")]
+    is_of_plan: bool,
 }
 
 impl Lines {
@@ -83,15 +96,23 @@ impl Lines {
 
     /// The head of the file; `None` for that of a scenario without radio and drone.
     pub fn header(&self) -> Option<&'static str> {
+        #[cfg(feature = "lab")]
+        if self.is_of_plan {
+            return Some(PLAN_HEADER);
+        }
         self.is_of_hardware.then_some(HEADER)
     }
 
-    /// Sets the lines of a map of links, instead of those of the paper's channel or of a preset, and a strategy that
-    /// knows it.
+    /// Leaves out the lines of these keys.
     #[cfg(feature = "lab")]
-    pub fn set_map(&mut self, lines: String) {
-        self.lines.extend(OF_PAPERS_RADIO[..OF_RATES].iter().map(|key| (*key, String::new())));
-        self.lines.push(("link.model", lines));
+    pub fn omit(&mut self, keys: &[&'static str]) {
+        self.lines.extend(keys.iter().map(|key| (*key, String::new())));
+    }
+
+    /// Sets the head of the file to that of a plan, and a strategy that schedules well on its flight.
+    #[cfg(feature = "lab")]
+    pub fn set_plan(&mut self) {
+        self.is_of_plan = true;
         self.set_strategy();
     }
 

@@ -4,6 +4,7 @@ use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use skysink_common::csv_cell::decimal;
 use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::{SlotRecord, UAV};
@@ -34,6 +35,10 @@ pub struct PlanCounts {
     pub undecided: u64,
     /// The first slot whose plan differs.
     pub first_difference: Option<u64>,
+    /// Slots in which the plan would hold the UAV, because its waypoint is refused or there is no plan.
+    pub held_slots: u64,
+    /// Requests of the plans that would be refused.
+    pub refused: u64,
     /// Mean distance from the recorded to the planned position, over the slots with a decision [m].
     pub mean_distance_m: f64,
 }
@@ -83,6 +88,8 @@ impl<'a> Replayed<'a> {
         let is_decided = recorded.mode != Mode::Hold;
         self.counts.undecided += u64::from(!is_decided);
         let planned = self.flight.step(slot, plan);
+        self.counts.held_slots += u64::from(planned.flown_mode() == Mode::Hold);
+        self.counts.refused += u64::from(planned.refused);
         let distance_m = (planned.position() - recorded.position).norm();
         let served = planned.served_links().iter().map(|link| link.sensor);
         let is_same = is_decided
@@ -100,6 +107,7 @@ impl<'a> Replayed<'a> {
         let mode = Mode::from_repr(planned.mode).unwrap_or_default();
         let expected_bits = plan.map_or(0, |plan| plan.expected_bits);
         let FlightReport { x_m, y_m, z_m, refused, .. } = planned;
+        let distance_m = decimal(distance_m);
         let same = if is_decided { is_same.to_string() } else { String::new() };
         writeln!(
             self.csv,

@@ -1,10 +1,10 @@
 //! The programs that a user puts in the place of Skysink's: `--planner COMMAND`, and `--vehicle ADDRESS` or `COMMAND`.
 
-use std::borrow::Cow;
 use std::ffi::OsString;
 use std::path::Path;
 use std::str::FromStr;
 
+use skysink_common::terminal::shell_word;
 use skysink_ring::folder::RingFolder;
 
 use crate::run::process::Invocation;
@@ -35,10 +35,9 @@ impl CommandLine {
         }
     }
 
-    /// As it is typed as the value of an option; `None` if a shell cannot quote it.
+    /// As it is typed as the value of an option; `None` if it has no such form.
     pub fn quoted(&self) -> Option<String> {
-        let command = shlex::try_join(self.0.iter().map(String::as_str)).ok()?;
-        shlex::try_quote(&command).ok().map(Cow::into_owned)
+        shlex::try_join(self.0.iter().map(String::as_str)).ok().map(shell_word)
     }
 }
 
@@ -76,11 +75,11 @@ impl VehicleOption {
         }
     }
 
-    /// As it is typed as the value of an option; `None` if a shell cannot quote it.
+    /// As it is typed as the value of an option; `None` if it has no such form.
     pub fn quoted(&self) -> Option<String> {
         match self {
             Self::Command(command) => command.quoted(),
-            Self::Mavlink(addresses) => shlex::try_quote(addresses).ok().map(Cow::into_owned),
+            Self::Mavlink(addresses) => Some(shell_word(addresses)),
         }
     }
 }

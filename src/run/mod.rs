@@ -31,6 +31,7 @@ use skysink_planner::strategy::Registered;
 use crate::error::{Error, LeftToFly};
 use crate::options::{MissionOptions, NewFolder, ScenarioFile};
 use crate::report::{OutputForm, print_run};
+use crate::unflown::warn_of_run;
 use options::{Launch, RunOptions};
 use resume::resume;
 use ring_mission::{RingMission, clean_up, make_ring};
@@ -72,6 +73,7 @@ impl RunCommand {
             None => self.scenario.read(self.mission.overrides())?,
         };
         let (folder, summary) = self.fly(&scenario, stop)?;
+        warn_of_run(&summary, &scenario);
         self.form.print(&summary, || print_run(&folder, &summary))
     }
     /// Flies the mission and returns its folder and summary. However the run ends, the folder is complete up to the
@@ -119,7 +121,7 @@ impl RunCommand {
         let mut log = match resumed {
             None => folder.slot_log()?,
             Some(resumed) => {
-                folder.remove_sensor_results()?; // they covered the slots so far
+                folder.remove_derived()?; // they covered the slots so far
                 resumed.save_checkpoints(&folder, &ring)?
             }
         };

@@ -1,6 +1,5 @@
 //! The options of `skysink run`, their consistency checks, and the command of each process.
 
-use std::borrow::Cow;
 use std::ffi::OsString;
 use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
@@ -12,6 +11,7 @@ use skysink_common::option_value::number;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::terminal::shell_path;
 use skysink_mission::error::FileContext;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
@@ -254,10 +254,8 @@ impl RunOptions {
     /// The options to pass with `--resume` to continue this run.
     pub(crate) fn resume_options(&self) -> String {
         let roles: Vec<_> = self.external.iter().filter(|&&role| !self.may_checkpoint_remotely(role)).collect();
-        let link = self.link.iter().filter(|_| !roles.is_empty()).map(|config| {
-            let config = config.to_string_lossy();
-            format!(" --link {}", shlex::try_quote(&config).unwrap_or(Cow::Borrowed(&config)))
-        });
+        let link = self.link.iter().filter(|_| !roles.is_empty());
+        let link = link.map(|config| format!(" --link {}", shell_path(config)));
         let words = roles.iter().map(|role| format!(" --external {}", role.name()));
         let planner = self.planner.as_ref().and_then(CommandLine::quoted).map(|value| format!(" --planner {value}"));
         let vehicle = self.vehicle.as_ref().and_then(VehicleOption::quoted).map(|value| format!(" --vehicle {value}"));

@@ -1,6 +1,7 @@
 //! One process of a run: starts it, forwards its output, notices its end, restarts it by its policy, and stops it.
 
 use std::ffi::OsString;
+use std::fs;
 use std::io::{BufRead, BufReader, pipe};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
@@ -8,7 +9,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process_group, set_parent_process_death_signal};
+use rustix::process::{Pid, Signal, WaitOptions, kill_process_group, set_parent_process_death_signal, waitpid};
 use skysink_mission::error::FileContext;
 use skysink_ring::role::Role;
 
@@ -116,6 +117,11 @@ impl Process {
         Ok(())
     }
 
+    /// Its process id while it is running, or has ended without being noticed.
+    pub fn pid(&self) -> Option<Pid> {
+        self.child.as_ref().and_then(pid)
+    }
+
     /// Whether the process is running.
     pub fn is_running(&self) -> bool {
         self.child.is_some()
@@ -180,7 +186,7 @@ impl Process {
 
     /// Sends a signal to the process group, if the process is running.
     fn signal(&self, signal: Signal) {
-        if let Some(pid) = self.child.as_ref().and_then(pid) {
+        if let Some(pid) = self.pid() {
             let _ = kill_process_group(pid, signal); // it may have just ended
         }
     }
@@ -233,6 +239,17 @@ pub fn stop<'a>(processes: impl IntoIterator<Item = &'a mut Process>) {
             let _ = child.wait();
         }
         process.join_messages();
+    }
+}
+
+/// Reaps children that have ended and are not `own`: what a process leaves behind is handed to process 1 of a
+/// container, which may be this launcher.
+pub fn reap_others(own: &[Pid]) {
+    let launcher = std::process::id();
+    let children = fs::read_to_string(format!("/proc/{launcher}/task/{launcher}/children")).unwrap_or_default();
+    let children = children.split_ascii_whitespace().filter_map(|number| Pid::from_raw(number.parse().ok()?));
+    for child in children.filter(|child| !own.contains(child)) {
+        let _ = waitpid(Some(child), WaitOptions::NOHANG); // one that runs stays
     }
 }
 

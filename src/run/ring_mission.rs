@@ -8,6 +8,7 @@ use iceoryx2::prelude::ipc;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
+use skysink_common::terminal::shell_word;
 use skysink_mission::origin::RunMode;
 use skysink_mission::summary::Tally;
 use skysink_ring::cleanup::Janitor;
@@ -235,8 +236,7 @@ fn wait_until_alone(ring: &Ring<ipc::Service>) {
 /// The shell command that starts a program with these arguments.
 fn shell_command(program: &Path, arguments: &[OsString]) -> String {
     let words = std::iter::once(program.as_os_str()).chain(arguments.iter().map(OsString::as_os_str));
-    let words: Vec<_> = words.map(|word| word.to_string_lossy().into_owned()).collect();
-    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
+    words.map(shell_word).collect::<Vec<_>>().join(" ")
 }
 
 /// The shell command that starts the process of `role` on another host.

@@ -23,10 +23,10 @@ use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::external::ExternalProcess;
 use crate::run::heartbeat::Heartbeat;
-use crate::run::process::{Invocation, Process, ProcessChange, stop};
+use crate::run::process::{Invocation, Process, ProcessChange, reap_others, stop};
 use crate::run::restart::{OF_WORKERS, Restart, Restarts};
 
-/// Time between two checks for dead external processes.
+/// Time between two checks for dead external processes, and for ended children that no worker is.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
 /// What a launcher supervises, and where it reports.
@@ -125,6 +125,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if a process has ended and is not restarted.
     pub fn watch(&mut self, slot: u64, sample: Option<SampleEvent>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
         self.poll_link(slot)?;
+        self.clean_up();
         let mut events = self.poll_workers(slot, sample.filter(|sample| sample.is_hung).map(|sample| sample.from))?;
         events.extend(self.poll_external(slot));
         events.extend(sample.filter(|sample| self.is_told(sample)).map(|sample| (sample.from, sample.event)));
@@ -153,6 +154,21 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     /// Whether all workers with a role selected by `is_selected` have ended and will not be restarted.
     pub fn have_ended(&self, is_selected: impl Fn(Role) -> bool) -> bool {
         self.run.workers.iter().filter(|worker| is_selected(worker.role)).all(|worker| worker.process.has_ended())
+    }
+
+    /// Removes what dead external processes have left in the ring, and ended children that are no worker's, from time
+    /// to time.
+    fn clean_up(&mut self) {
+        if self.cleaned_up.elapsed() < CLEAN_UP_EVERY {
+            return;
+        }
+        self.cleaned_up = Instant::now();
+        let Supervision { ring, workers, link, .. } = &self.run;
+        let own: Vec<_> = workers.iter().map(|worker| &worker.process).chain(link).filter_map(Process::pid).collect();
+        reap_others(&own);
+        if !self.external.is_empty() {
+            ring.remove_dead_nodes(); // a dead writer stays attached until then
+        }
     }
 
     /// Polls the link.
@@ -222,10 +238,6 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     fn poll_external(&mut self, slot: u64) -> Vec<(Role, ProcessEvent)> {
         let ring = self.run.ring;
         let now = Instant::now();
-        if !self.external.is_empty() && self.cleaned_up.elapsed() >= CLEAN_UP_EVERY {
-            self.cleaned_up = now;
-            ring.remove_dead_nodes(); // a dead writer stays attached until then
-        }
         let is_begun = slot > *self.first_slot.get_or_insert(slot);
         let mut events = Vec::new();
         for external in &mut self.external {

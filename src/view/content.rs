@@ -1,29 +1,36 @@
 //! What is shown: recordings, as files or found in folders, and a running mission.
 
-use std::fs::{self, DirEntry, File};
-use std::io::{self, Read as _};
+use std::fs::{self, DirEntry};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use skysink_common::error::InputError;
+use skysink_common::terminal::shell_path;
 use skysink_mission::error::FileContext;
+use skysink_ring::role::Role;
 
+use super::recording::ShownRecording;
 use crate::error::Error;
-
-/// The first bytes of every rerun recording.
-const MAGIC: &[u8] = b"RRF2";
 
 /// The content of a page.
 pub struct PageContent {
-    pub recordings: Vec<PathBuf>,
+    pub recordings: Vec<ShownRecording>,
     /// The port of a running mission on this machine.
     pub live: Option<u16>,
 }
 
-#[cfg(not(feature = "viewer"))]
 impl PageContent {
+    /// Says why not all of a recording may be shown.
+    pub fn warn(&self) {
+        for notice in self.recordings.iter().flat_map(|recording| &recording.notices) {
+            Role::Launcher.log(format_args!("warning: {notice}"));
+        }
+    }
+
     /// The command that opens the content with rerun.
+    #[cfg(not(feature = "viewer"))]
     pub fn rerun_command(&self) -> String {
-        let files = self.recordings.iter().map(|recording| format!(" {}", recording.display()));
+        let files = self.recordings.iter().map(|recording| format!(" {}", shell_path(&recording.path)));
         let live = self.live.map(|port| format!(" rerun+http://127.0.0.1:{port}/proxy"));
         format!("rerun{}", files.chain(live).collect::<String>())
     }
@@ -44,23 +51,26 @@ pub fn newest(runs: &Path) -> Result<PathBuf, InputError> {
 }
 
 /// All recordings in these run folders; a file is a recording itself.
-pub fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
+///
+/// # Errors
+/// If a file is none that the viewer can show, or a folder has none.
+pub fn recordings(runs: &[PathBuf]) -> Result<Vec<ShownRecording>, Error> {
     let mut recordings = Vec::new();
     for run in runs {
         if !run.is_dir() {
-            check(run)?;
-            recordings.push(run.clone());
+            recordings.push(ShownRecording::read(run)?);
             continue;
         }
         let found = recordings_in(run).at(run)?;
         if found.is_empty() {
-            let run_path = run.display();
+            let run_path = shell_path(run);
             let message =
                 format_args!("it contains no recording: make one of a finished run with `skysink replay {run_path}`");
             return Err(InputError::new("recording", run, message).into());
         }
-        found.iter().try_for_each(|recording| check(recording))?;
-        recordings.extend(found);
+        for recording in &found {
+            recordings.push(ShownRecording::read(recording)?);
+        }
     }
     Ok(recordings)
 }
@@ -77,31 +87,17 @@ fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// Checks that the path is a file that starts like a recording.
-fn check(path: &Path) -> Result<(), InputError> {
-    let is_recording = || {
-        let mut begin = Vec::new();
-        let is_file = fs::metadata(path)?.is_file(); // opening a pipe would block until it has a writer
-        if is_file {
-            File::open(path)?.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
-        }
-        Ok::<bool, io::Error>(begin == MAGIC)
-    };
-    match is_recording() {
-        Ok(true) => Ok(()),
-        Ok(false) => {
-            Err(InputError::new("recording", path, "expected a recording of rerun (.rrd), or a folder with one"))
-        }
-        Err(error) => Err(InputError::new("recording", path, error)),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
     use std::os::unix::fs::symlink;
     use std::process::Command;
     use std::time::Duration;
+
+    /// A recording with a message, and its end.
+    const WHOLE: [&[u8]; 4] =
+        [b"RRF2\0\x24\x03\0\x01\x02\0\0", b"\x01\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0!", &[0; 8], &[0; 8]];
 
     #[test]
     fn the_recordings_of_a_folder_are_its_regular_files_with_a_recording() {
@@ -116,10 +112,11 @@ mod tests {
         assert!(Command::new("mkfifo").arg(run.join("mission-6.rrd")).status().unwrap().success());
         assert!(recordings(std::slice::from_ref(&run)).is_err());
         for name in ["mission-10.rrd", "mission-2.rrd"] {
-            fs::write(run.join(name), "RRF2 and so on").unwrap();
+            fs::write(run.join(name), WHOLE.concat()).unwrap();
         }
         let expected = ["mission-2.rrd", "mission-10.rrd"].map(|name| run.join(name));
-        assert_eq!(recordings(std::slice::from_ref(&run)).unwrap(), expected);
+        let found = recordings(std::slice::from_ref(&run)).unwrap();
+        assert_eq!(found, expected.map(|path| ShownRecording { path, notices: Vec::new() }));
         assert!(recordings(&[run.join("mission-6.rrd")]).is_err(), "a pipe");
         fs::write(run.join("mission-11.rrd"), "something else").unwrap();
         let refused = recordings(&[run]).unwrap_err().to_string();
@@ -136,7 +133,7 @@ mod tests {
             fs::write(folder.join("slots.csv"), "").unwrap();
             if recording {
                 let file = File::create(folder.join("mission.rrd")).unwrap();
-                io::Write::write_all(&mut &file, MAGIC).unwrap();
+                io::Write::write_all(&mut &file, b"RRF2").unwrap();
                 file.set_modified(std::time::UNIX_EPOCH + Duration::from_secs(seconds)).unwrap();
             }
         }

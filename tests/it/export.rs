@@ -5,10 +5,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::support::Place;
-use arrow_array::cast::AsArray;
-use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
 use expect_test::expect_file;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use skysink_common::geodata::projection::Projection;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Origin;
@@ -48,7 +45,10 @@ fn concurrent_exports_into_one_folder_are_serialised() {
     place.flight("smoke").simulate();
     let folder = File::open(place.path("")).unwrap();
     folder.lock().unwrap();
-    let mut export = place.skysink(&["export", "run", "--format", "geojson", "--origin", ORIGIN]).spawn().unwrap();
+    let mut export = place
+        .skysink(&["export", "run", "--format", "geojson", "--origin", ORIGIN, "--north", "true"])
+        .spawn()
+        .unwrap();
     thread::sleep(Duration::from_millis(300));
     assert_eq!((export.try_wait().unwrap(), files(&place)), (None, vec!["run".to_owned(), "smoke.toml".to_owned()]));
     folder.unlock().unwrap();
@@ -60,7 +60,7 @@ fn concurrent_exports_into_one_folder_are_serialised() {
 fn a_modified_or_unfinished_trace_is_refused() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    let geojson = ["export", "run", "--format", "geojson", "--origin", ORIGIN];
+    let geojson = ["export", "run", "--format", "geojson", "--origin", ORIGIN, "--north", "true"];
     let whole = place.trace("run");
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
     let without_last = lines[..lines.len() - 1].concat();
@@ -122,7 +122,7 @@ fn a_short_mission_matches_the_expected_files() {
 fn no_file_of_an_earlier_export_is_left() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    let export = ["export", "run", "--format", "qgc-plan", "--ignore-endurance", "--origin", ORIGIN];
+    let export = ["export", "run", "--format", "qgc-plan", "--ignore-endurance", "--origin", ORIGIN, "--north", "true"];
     let in_parts = [&export[..], &["--most-items", "9"]].concat();
     place.run_ok(&export);
     refused(
@@ -143,8 +143,8 @@ fn no_file_of_an_earlier_export_is_left() {
 fn files_of_a_fleet_have_the_extension_of_the_format() {
     let place = Place::new();
     place.flight("smoke").set("uav.count", 2).simulate();
-    place.run_ok(&["export", "run", "--format", "mcap", "--origin", ORIGIN]);
-    place.run_ok(&["export", "run", "--format", "geojson", "--origin", ORIGIN, "--out", "v1.2"]);
+    place.run_ok(&["export", "run", "--format", "mcap", "--origin", ORIGIN, "--north", "true"]);
+    place.run_ok(&["export", "run", "--format", "geojson", "--origin", ORIGIN, "--north", "true", "--out", "v1.2"]);
     let expected = ["run", "run-uav-0.mcap", "run-uav-1.mcap", "smoke.toml", "v1-uav-0.2", "v1-uav-1.2"];
     assert_eq!(files(&place), expected);
 }
@@ -171,7 +171,8 @@ fn every_service_point_is_in_the_mission_in_order() {
         missions.into_iter().flat_map(|(scenario, strategy)| [(scenario, strategy), (scenario, "rfs")])
     {
         place.flight(scenario).strategy(strategy).force().simulate();
-        let most = ["--most-items", "100", "--ignore-endurance", "--origin", "-33.9,18.4", "--force"];
+        let most =
+            ["--most-items", "100", "--ignore-endurance", "--origin", "-33.9,18.4", "--north", "true", "--force"];
         let ended = place.run_ok(&[&["export", "run", "--format", "waypoints"][..], &most].concat());
         let names = ended.stdout.lines().filter(|line| line.ends_with(".waypoints"));
         let names: Vec<String> = names.map(str::to_owned).collect();
@@ -193,43 +194,67 @@ fn every_service_point_is_in_the_mission_in_order() {
     }
 }
 
+/// Two sensor nodes beyond the corner of a zone: the tour goes to and fro past it.
+const BAY: &str = "name = \"bay\"\nslots = 30\nslot_s = 20.0\n[area]\nside_m = 200.0\norigin_lat_deg = 50.1\n\
+    origin_lon_deg = 7.2\n[[area.no_fly]]\npolygon_m = [[80, 80], [199, 80], [199, 199], [80, 199]]\n[sensors]\n\
+    file = \"nodes.csv\"\n[uav]\nstart_m = [40.0, 20.0]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.5\n[link]\n\
+    comm_radius_m = 10.0\ncomm_s = 2.0\n";
+
 #[test]
-fn the_help_lists_every_format() {
-    Place::new().assert_transcript(&expect_file!["transcripts/export-help.txt"]);
+fn legs_past_the_corner_of_a_zone_are_counted() {
+    let place = Place::new();
+    place.write("nodes.csv", "x_m,y_m\n70,190\n190,70\n");
+    place.write("bay.toml", BAY);
+    place.flight("bay").strategy("tour").simulate();
+    let export = ["export", "run", "--format", "qgc-plan", "--ignore-endurance", "--force"];
+    let said = place.run_ok(&export).stdout;
+    assert!(said.contains("legs pass within 2 m of a zone, 0.0 m at least"), "{said}");
+    let said = place.run_ok(&[&export[..], &["--margin", "0"]].concat()).stdout;
+    assert!(!said.contains("legs pass") && said.contains("0.0 m to a zone"), "{said}");
 }
 
 #[test]
-fn parquet_contains_the_slots_and_bits_and_needs_no_origin() {
+fn waypoints_above_the_ground_are_not_for_qgroundcontrol() {
     let place = Place::new();
-    place.flight("smoke").strategy("gfs").simulate();
-    place.run_ok(&["export", "run", "--format", "parquet"]);
-    let file = File::open(place.path("run.parquet")).unwrap();
-    let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
-    let batches: Vec<_> = reader.map(Result::unwrap).collect();
-    let [batch] = &batches[..] else { panic!("{} batches", batches.len()) };
-    let column = |name: &str| batch.column_by_name(name).unwrap().clone();
-    let [scheduled, uploads] = ["scheduled", "uploads_bits"].map(|name| column(name).as_list::<i32>().clone());
-    let [slot, delivered] = ["slot", "delivered_bits"].map(|name| column(name).as_primitive::<UInt64Type>().clone());
-    let x_m = column("x_m").as_primitive::<Float64Type>().clone();
-    let mode = column("mode").as_string::<i32>().clone();
-    let text = place.trace("run");
-    assert_eq!(batch.num_rows(), text.lines().count() - 1);
-    let mut served = 0;
-    for (row, line) in text.lines().skip(1).enumerate() {
-        let cells: Vec<&str> = line.split(',').collect();
-        let ids = scheduled.value(row).as_primitive::<UInt32Type>().values().to_vec();
-        let bits = uploads.value(row).as_primitive::<UInt64Type>().values().to_vec();
-        let written: Vec<u32> = cells[5].split_whitespace().map(|id| id.parse().unwrap()).collect();
-        assert_eq!(
-            (slot.value(row).to_string(), x_m.value(row).to_string(), ids),
-            (cells[0].into(), cells[2].into(), written)
-        );
-        assert_eq!(
-            (bits.iter().sum::<u64>(), delivered.value(row).to_string()),
-            (delivered.value(row), cells[6].into())
-        );
-        assert_eq!((bits.len(), mode.value(row)), (scheduled.value_length(row) as usize, cells[9]));
-        served += bits.iter().filter(|&&bits| bits > 0).count();
+    place.write("nodes.csv", "x_m,y_m,ground_m\n70,190,560\n190,70,590\n");
+    place.write("bay.toml", BAY);
+    place.flight("bay").strategy("tour").simulate();
+    let said = |format: &str, more: &[&str]| {
+        let words = ["export", "run", "--format", format, "--ignore-endurance", "--force"];
+        place.run_ok(&[&words[..], more].concat()).stdout
+    };
+    let warning =
+        "warning: frame 10, above the ground below: QGroundControl reads it from this format as above sea level";
+    assert!(said("waypoints", &[]).contains(warning));
+    for (format, altitude) in [("waypoints", "relative"), ("waypoints", "msl"), ("qgc-plan", "terrain")] {
+        assert!(!said(format, &["--altitude", altitude]).contains("QGroundControl reads"), "{format}, {altitude}");
     }
-    assert!(served > 60, "{served}");
+}
+
+/// The reader of KMZ files takes the waypoints of the template for sensor nodes.
+#[test]
+fn a_route_file_of_dji_is_read_as_kmz() {
+    let place = Place::new();
+    place.write("nodes.csv", "x_m,y_m\n70,190\n190,70\n");
+    place.write("bay.toml", BAY);
+    place.flight("bay").strategy("tour").simulate();
+    let said = place.run_ok(&["export", "run", "--format", "dji", "--drone", "m350", "--ignore-endurance"]).stdout;
+    assert!(said.contains("warning: not flown") && said.contains("\nrun.kmz"), "{said}");
+    let waypoints = said.split(" → ").nth(1).and_then(|text| text.split(' ').next()).unwrap().parse::<usize>().unwrap();
+    place.run_ok(&["new", "back", "--sensors", "run.kmz"]);
+    let rows = place.read("back/sensors.csv").lines().count() - 1;
+    assert!((waypoints..=waypoints + 3).contains(&rows), "{rows} of {waypoints} and the way home");
+}
+
+#[test]
+fn metres_are_exported_to_the_earth_if_y_is_true_north() {
+    let place = Place::new();
+    place.flight("smoke").simulate();
+    let said = place.run_ok(&["export", "run", "--format", "csv", "--origin", ORIGIN, "--north", "true"]).stdout;
+    assert!(said.contains("y is taken for true north"), "{said}");
+}
+
+#[test]
+fn the_help_lists_every_format() {
+    Place::new().assert_transcript(&expect_file!["transcripts/export-help.txt"]);
 }

@@ -4,6 +4,8 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
+use crate::Missing;
+use crate::support::flight::RunningFlight;
 use crate::support::{Place, output, signal_and_wait, until, until_exited};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -44,6 +46,57 @@ fn child_processes_of_a_planner_command_end_with_it() {
     place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["restarts"], 1);
     place.assert_clean();
+}
+
+/// The children of a process that have ended and were not reaped.
+fn defunct_children(parent: Pid) -> Vec<Pid> {
+    let parent = parent.as_raw_nonzero();
+    let children = fs::read_to_string(format!("/proc/{parent}/task/{parent}/children")).unwrap_or_default();
+    let is_defunct = |id: &&str| {
+        let status = fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+        status.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with('Z'))
+    };
+    children.split_ascii_whitespace().filter(is_defunct).map(|id| Pid::from_raw(id.parse().unwrap()).unwrap()).collect()
+}
+
+#[test]
+fn a_launcher_that_is_process_1_reaps_what_its_planners_leave_behind() -> Result<(), Missing> {
+    let place = Place::new();
+    let planner = place.write(
+        "leave.sh",
+        &format!("#!/bin/sh\nsetsid sleep 0.2 &\nsetsid sh -c 'exit 3' &\nexec {}\n", place.external_planner()),
+    );
+    fs::set_permissions(&planner, fs::Permissions::from_mode(0o755)).unwrap();
+    let flight = place.flight("long").without_viewer().planner(planner.to_str().unwrap());
+    let namespace = ["-Ucpf", "--mount-proc", "--kill-child"];
+    let tried = place.command("unshare", &namespace).arg("true").output();
+    let tried = tried.map_err(|error| Missing(format!("needs unshare: {error}: apt install util-linux")))?;
+    if !tried.status.success() {
+        let said = String::from_utf8_lossy(&tried.stderr).trim().to_owned();
+        return Err(Missing(format!(
+            "needs namespaces of processes: {said}: sysctl kernel.unprivileged_userns_clone=1"
+        )));
+    }
+    let launcher = flight.launcher();
+    let mut command = place.command("unshare", &namespace);
+    command.arg(launcher.get_program()).args(launcher.get_args());
+    let run = RunningFlight::start(&place, command, "run");
+    let outer = run.pid().as_raw_nonzero();
+    let first = until("process 1", || {
+        let children = fs::read_to_string(format!("/proc/{outer}/task/{outer}/children")).ok()?;
+        Pid::from_raw(children.split_ascii_whitespace().next()?.parse().ok()?)
+    });
+    run.until_slot(100);
+    for _ in 0..2 {
+        run.kill_and_await("planner");
+        run.until_slots_later(50);
+    }
+    until("an end without defunct children", || defunct_children(first).is_empty().then_some(()));
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
+    let summary = place.summary("run");
+    assert_eq!(summary["restarts"], 2, "its own processes keep their exit statuses");
+    Ok(())
 }
 
 #[test]

@@ -148,7 +148,7 @@ fn an_export_prints_home_altitudes_time_and_warnings() {
 #[test]
 fn a_new_scenario_prints_its_centre() {
     let place = Place::new();
-    place.write("two.csv", "lat,lon,elevation\n47.40,8.55,512.5\n47.41,8.56,530\n");
+    place.write("two.csv", "lat,lon,ground_m\n47.40,8.55,512.5\n47.41,8.56,530\n");
     let text = place.run_ok(&["new", "two", "--sensors", "two.csv"]).stdout;
     assert!(text.contains("Centre of the area:  47.405"), "{text}");
     assert_eq!(place.read("two/sensors.csv"), "lat_deg,lon_deg,ground_m\n47.4,8.55,512.5\n47.41,8.56,530\n");

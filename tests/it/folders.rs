@@ -197,7 +197,7 @@ fn spoil_finished_runs(rounds: usize, seed: u64) {
         ("", &["report", "run", "--json"]),
         ("run/sensors_out.csv", &["report", "run", "--sensors"]),
         ("", &["compare", "run", "other", "--no-record", "--json", "--out", "made"]),
-        ("made", &["export", "run", "--format", "geojson", "--origin", "1,2", "--out", "made"]),
+        ("made", &["export", "run", "--format", "geojson", "--origin", "1,2", "--north", "true", "--out", "made"]),
         ("made/plans.csv", &["replay", "run", "--no-viewer", "--out", "made"]),
     ];
     let begin = || {

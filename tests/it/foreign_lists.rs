@@ -15,7 +15,7 @@ fn outcome(file: &str, bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(file);
     fs::write(&path, bytes).unwrap();
-    match read(&path) {
+    match read(&path, None) {
         Ok(imported) => {
             let list = imported.to_csv([0.0; 2]);
             let rows = list.trim_end().replace('\n', " | ");
@@ -123,7 +123,7 @@ fn geojson_of_other_programs_becomes_a_list_or_says_why_not() {
             ),
             (
                 r#"{"type":"FeatureCollection","name":"wells","features":[{"type":"Feature","properties":{"Name":"a","rate":"50"},"geometry":{"type":"Point","coordinates":[8.5,47.5,400]}}]}"#,
-                "lat_deg,lon_deg,sampling_bps,ground_m,name | 47.5,8.5,50,400,a",
+                "lat_deg,lon_deg,sampling_bps,name | 47.5,8.5,50,a; heights of 1 of 1 points; altitudes of the ground, for flights over hills, belong into ground_m",
             ),
             (r#"{"type":"FeatureCollection","features":[]}"#, "refused: no points: expected at least one sensor node"),
             (
@@ -132,15 +132,15 @@ fn geojson_of_other_programs_becomes_a_list_or_says_why_not() {
             ),
             (
                 r#"{"type":"Point","coordinates":[]}"#,
-                "refused: Error while deserializing GeoJSON: A position must contain two or more elements, but got `0`: expected GeoJSON",
+                "refused: point 1: coordinates []: expected longitude and latitude",
             ),
             (
                 r#"{"type":"Point","coordinates":[8.5]}"#,
-                "refused: Error while deserializing GeoJSON: A position must contain two or more elements, but got `1`: expected GeoJSON",
+                "refused: point 1: coordinates [8.5]: expected longitude and latitude",
             ),
             (
                 r#"{"type":"Point","coordinates":["8.5","47.5"]}"#,
-                "refused: Error while deserializing GeoJSON: invalid type: string \"8.5\", expected a coordinate element (number or array) at line 1 column 36: expected GeoJSON",
+                "refused: point 1: coordinates [\"8.5\",\"47.5\"]: expected longitude and latitude",
             ),
             (
                 r#"{"type":"Point","coordinates":[8.5,47.5,400,1714550400]}"#,
@@ -154,7 +154,7 @@ fn geojson_of_other_programs_becomes_a_list_or_says_why_not() {
             (r#"{"type":"Point","coordinates":[190,0]}"#, "refused: point 1: longitude 190: expected -180 to 180"),
             (
                 r#"{"type":"Point","coordinates":[2600000.5,1200000.25]}"#,
-                "refused: point 1: latitude 1200000.25: expected -90 to 90; no degrees of WGS84 (EPSG:4326), but metres of a projection such as UTM?",
+                "refused: point 1: latitude 1200000.25: expected -90 to 90; no degrees of WGS84 (EPSG:4326), but metres of a projection such as UTM (--crs of `skysink new`)?",
             ),
             (
                 r#"{"type":"MultiPoint","coordinates":[]}"#,
@@ -198,7 +198,19 @@ fn geojson_of_other_programs_becomes_a_list_or_says_why_not() {
             ),
             (
                 r#"{"type":"Feature","properties":{},"geometry":{"type":"Point","coordinates":[8.5,47.5],"crs":{"type":"name","properties":{"name":"EPSG:3857"}}}}"#,
-                "refused: crs `EPSG:3857`: expected WGS84, longitude and latitude (EPSG:4326)",
+                "refused: crs EPSG:3857 of a part: expected EPSG:4326, that of the file",
+            ),
+            (
+                r#"{"type":"MultiPoint","crs":{"type":"name","properties":{"name":"EPSG:32733"}},"coordinates":[[500000,6500000],[500000,6500100,12]]}"#,
+                "lat_deg,lon_deg | -31.63518622,15 | -31.634283987,15; heights of 1 of 2 points; altitudes of the ground, for flights over hills, belong into ground_m",
+            ),
+            (
+                r#"{"type":"Point","crs":{"type":"name","properties":{"name":"EPSG:26710"}},"coordinates":[500000,4500000]}"#,
+                "refused: crs `EPSG:26710`: the shift of its datum to WGS84 is not known: expected one whose shift to WGS84 is known, such as EPSG:25832 (--crs of `skysink new`), or latitudes and longitudes (ogr2ogr -t_srs EPSG:4326, or QGIS)",
+            ),
+            (
+                r#"{"type":"Feature","properties":{"name":"a","ground_ft":1000,"alt":300},"geometry":{"type":"Point","coordinates":[8.5,47.5]}}"#,
+                "lat_deg,lon_deg,ground_m,name | 47.5,8.5,304.8,a; properties alt; heights of 1 of 1 points; altitudes of the ground, for flights over hills, belong into ground_m",
             ),
         ],
     );
@@ -236,13 +248,13 @@ fn gpx_of_other_programs_becomes_a_list_or_says_why_not() {
         (format!("<gpx>{}</gpx>", point.replace("47.5", "")), "refused: point 1: no attribute lat: expected lat and lon"),
         (format!("<gpx>{}</gpx>", point.replace("lat", "Lat")), "refused: point 1: no attribute lat: expected lat and lon"),
         (format!("<gpx><metadata><name>m</name>{point}</metadata></gpx>"), "refused: no points: expected at least one sensor node"),
-        (format!("<gpx>{point}<wpt lat=\"47.6\" lon=\"8.6\"><ele>12</ele></wpt></gpx>"), "lat_deg,lon_deg | 47.5,8.5 | 47.6,8.6; properties ground_m; ground_m of all points (point 1 has no number)"),
+        (format!("<gpx>{point}<wpt lat=\"47.6\" lon=\"8.6\"><ele>12</ele></wpt></gpx>"), "lat_deg,lon_deg | 47.5,8.5 | 47.6,8.6; heights of 1 of 2 points; altitudes of the ground, for flights over hills, belong into ground_m"),
         (format!("<GPX>{point}</GPX>"), "refused: `GPX`: expected a GPX file"),
         ("<!DOCTYPE html><html><body>Not found</body></html>".to_owned(), "refused: `html`: expected a GPX file"),
         (format!("<gpx>{point}"), "refused: it ends within an element: expected a complete GPX file"),
         ("lat,lon\n47.5,8.5\n".to_owned(), "refused: no element: expected a GPX file"),
         (format!("<gpx>{point}</gpx><gpx>{point}</gpx>"), "refused: `gpx` after the outermost element: expected a GPX file"),
-        (format!("<gpx>{}</gpx>", point.replace("/>", "><name>\u{7f}x</name></wpt>")), "refused: point 1: name = \\u007fx: expected at most 100 characters, on one line"),
+        (format!("<gpx>{}</gpx>", point.replace("/>", "><name>\u{7f}x</name></wpt>")), "refused: point 1: name = \\u007fx: U+007F, a control character: expected at most 100 characters, on one line"),
     ];
     assert_outcomes(outcome, "a.gpx", &cases);
 }
@@ -276,7 +288,7 @@ fn kml_of_other_programs_becomes_a_list_or_says_why_not() {
                 "m",
                 &format!("<MultiGeometry>{}{}</MultiGeometry>", point("8.5,47.5"), point("8.6,47.6,9")),
             )),
-            "lat_deg,lon_deg,name | 47.5,8.5,m | 47.6,8.6,m; properties ground_m; ground_m of all points (point 1 has no number)",
+            "lat_deg,lon_deg,name | 47.5,8.5,m | 47.6,8.6,m; heights of 1 of 2 points; altitudes of the ground, for flights over hills, belong into ground_m",
         ),
         (
             kml(&placemark("<![CDATA[Pump <i>1</i>]]>", &point("\n\t8.5, 47.5, 0\n"))),
@@ -318,7 +330,7 @@ fn kml_of_other_programs_becomes_a_list_or_says_why_not() {
         ),
         (
             kml("<NetworkLink><name>live</name><Link><href>http://example.org/a.kml</href></Link></NetworkLink>"),
-            "refused: no points, only 1 × link (`live`): expected at least one sensor node",
+            "refused: no points, only 1 × link (`live: http://example.org/a.kml`): expected at least one sensor node",
         ),
         (kml(""), "refused: no points: expected at least one sensor node"),
         (a.clone(), "lat_deg,lon_deg,name | 47.5,8.5,a"),
@@ -336,7 +348,15 @@ fn kml_of_other_programs_becomes_a_list_or_says_why_not() {
                 "a",
                 "<Point><altitudeMode>relativeToGround</altitudeMode><coordinates>8.5,47.5,30</coordinates></Point>",
             )),
-            "lat_deg,lon_deg,name | 47.5,8.5,a",
+            "lat_deg,lon_deg,name | 47.5,8.5,a; heights of 1 of 1 points; altitudes of the ground, for flights over hills, belong into ground_m",
+        ),
+        (
+            kml(&format!("{}{}", placemark("a", &point("8.5,47.5,0")), placemark("b", &point("8.6,47.6,0")))),
+            "lat_deg,lon_deg,name | 47.5,8.5,a | 47.6,8.6,b",
+        ),
+        (
+            kml(&format!("{a}<NetworkLink><Url><href>east.kml</href></Url></NetworkLink>")),
+            "lat_deg,lon_deg,name | 47.5,8.5,a; 1 × link (`east.kml`)",
         ),
     ];
     assert_outcomes(outcome, "a.kml", &cases);
@@ -380,8 +400,14 @@ fn archives_of_other_programs_become_lists_or_say_why_not() {
             deflated(&[("__MACOSX/._doc.kml", b"\x00\x05\x16\x07"), ("doc.kml", document)]),
             "lat_deg,lon_deg,name | 47.5,8.5,a",
         ),
-        (deflated(&[("files/other.kml", other), ("doc.kml", document)]), "lat_deg,lon_deg,name | 47.5,8.5,a"),
-        (deflated(&[("doc.kml", document), ("other.kml", other)]), "lat_deg,lon_deg,name | 47.5,8.5,a"),
+        (
+            deflated(&[("files/other.kml", other), ("doc.kml", document)]),
+            "lat_deg,lon_deg,name | 47.5,8.5,a; 1 × document (`files/other.kml`)",
+        ),
+        (
+            deflated(&[("field.kml", document), ("other.kml", other), ("a/more.KMZ", b"")]),
+            "lat_deg,lon_deg,name | 47.5,8.5,a; 2 × document (`other.kml`, `a/more.KMZ`)",
+        ),
         (deflated(&[("doc.kml", &utf16)]), "lat_deg,lon_deg | 47.5,8.5"),
         (deflated(&[("doc.kml", &marked)]), "lat_deg,lon_deg,name | 47.5,8.5,a"),
         (deflated(&[("doc.kml", b"")]), "refused: no element: expected a KML file"),

@@ -16,7 +16,7 @@ fn outcome(file: &str, bytes: &[u8]) -> String {
     let path = folder.path().join(file);
     fs::write(&path, bytes).unwrap();
     let refused = |message: String| format!("refused: {}", message.split_once(&format!("{file}: ")).unwrap().1);
-    let read = match read_zones(&path) {
+    let read = match read_zones(&path, None) {
         Ok(read) => read,
         Err(refusal) => return refused(refusal.to_string()),
     };
@@ -88,7 +88,10 @@ fn geojson_zones_of_other_programs_are_taken_or_refused() {
         (all(feature("\"name\":\"mast\"", "Point", "[8.5,47.5]")), "zone, 3 corners; ignored 1 × point (`mast`)"),
         (feature("\"name\":\"mast\",\"radius\":15", "Point", "[8.5,47.5]"), "refused: no polygons, only 1 × circle (`mast`): expected a polygon for each zone"),
         (collection(&[]), "refused: no polygons: expected a polygon for each zone"),
-        (triangle("").replace("\"properties\":{}", "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::2056\"}},\"properties\":null"), "refused: crs `urn:ogc:def:crs:EPSG::2056`: expected WGS84, longitude and latitude (EPSG:4326)"),
+        (triangle("").replace("\"properties\":{}", "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::2056\"}},\"properties\":null"), "refused: polygon 1: 8.5, 47.5: expected lengths of a map, not degrees"),
+        (polygon("[[[682000,5778300],[682100,5778300],[682100,5778400],[682000,5778300]]]").replace("\"properties\"", "\"crs\":{\"properties\":{\"name\":\"EPSG:25832\"}},\"properties\""), "zone, 3 corners"),
+        (polygon("[[[682000,5778300],[682100,5778300],[682100,5778400]]]"), "refused: polygon 1 (`a`): latitude 5778300: expected -90 to 90; no degrees of WGS84 (EPSG:4326), but metres of a projection such as UTM (--crs of `skysink new`)?"),
+        (polygon("[[[8.5,47.5],[NaN,NaN],[8.501,47.501]]]"), "refused: polygon 1 (`a`): coordinates [NaN,NaN]: expected longitude and latitude"),
         (format!("{{\"type\":\"GeometryCollection\",\"geometries\":[{{\"type\":\"Polygon\",\"coordinates\":[[{TRIANGLE}]]}},{{\"type\":\"Point\",\"coordinates\":[8,47]}}]}}"), "zone, 3 corners; ignored 1 × point"),
         ("{\"fileType\":\"Plan\",\"geoFence\":{\"circles\":[],\"polygons\":[],\"version\":2},\"version\":1}".to_owned(), "refused: Error while deserializing GeoJSON: missing field `type` at line 1 column 83: expected GeoJSON"),
     ];
@@ -209,13 +212,13 @@ fn buildings_of_other_programs_have_heights_or_are_refused() {
         (triangle("\"height\":\"1.2e1\""), "building of 12 m, 3 corners"),
         (triangle("\"height\":null"), "zone, 3 corners"),
         (triangle("\"building\":\"yes\",\"building:levels\":4"), "zone, 3 corners"),
-        (triangle("\"height\":\"12,5\""), "refused: polygon 1: height 12,5: expected metres"),
-        (triangle("\"height\":\"40 ft\""), "refused: polygon 1: height 40 ft: expected metres"),
-        (triangle("\"height\":\"40'\""), "refused: polygon 1: height 40': expected metres"),
+        (triangle("\"height\":\"12,5\""), "refused: polygon 1: height 12,5: expected metres, or feet as in `40 ft`"),
+        (triangle("\"height\":\"40 ft\""), "building of 12.192 m, 3 corners"),
+        (triangle("\"height\":\"40'\""), "building of 12.192 m, 3 corners"),
         (triangle("\"height\":0"), "refused: polygon 1: height 0: expected a finite number above 0"),
         (triangle("\"height\":-3"), "refused: polygon 1: height -3: expected a finite number above 0"),
-        (triangle("\"height\":true"), "refused: polygon 1: height true: expected metres"),
-        (triangle("\"height\":[12]"), "refused: polygon 1: height [12]: expected metres"),
+        (triangle("\"height\":true"), "refused: polygon 1: height true: expected metres, or feet as in `40 ft`"),
+        (triangle("\"height\":[12]"), "refused: polygon 1: height [12]: expected metres, or feet as in `40 ft`"),
         (triangle("\"height\":\"12\",\"kind\":\"building\",\"name\":\"shed\""), "building of 12 m, 3 corners"),
     ];
     assert_outcomes(outcome, "a.geojson", &cases);

@@ -48,8 +48,11 @@ mod optimize;
 mod other_hosts;
 #[cfg(feature = "lab")]
 mod outcomes;
+#[cfg(feature = "lab")]
+mod plans;
 mod plot;
 mod presets;
+mod printed_commands;
 #[cfg(feature = "viewer")]
 mod recording;
 mod refusals;
@@ -71,6 +74,8 @@ mod sweep;
 mod tables;
 mod topics;
 mod track;
+#[cfg(feature = "lab")]
+mod unflown;
 mod vehicle;
 #[cfg(feature = "viewer")]
 mod view;

@@ -222,7 +222,63 @@ mod imports {
         let place = Place::new();
         place.write("poly", POLY);
         place.write("nodes.csv", "lat,lon,name\n47.3972,8.5452,n1\n47.3988,8.5478,n2\n47.3990,8.5452,n3\n");
+        place.write("utm32.prj", UTM);
+        place.write("map.csv", MAP);
+        place.write("map.geojson", MAP_ZONE);
         place.assert_transcript(&expect_file!["transcripts/places.txt"]);
+    }
+
+    /// What QGIS writes beside a table in UTM 32.
+    const UTM: &str = "PROJCS[\"WGS_1984_UTM_Zone_32N\",GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\
+                       \"WGS_1984\",6378137.0,298.257223563]],PRIMEM[\"Greenwich\",0.0],UNIT[\"Degree\",\
+                       0.0174532925199433]],PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"False_Easting\",500000.0],\
+                       PARAMETER[\"False_Northing\",0.0],PARAMETER[\"Central_Meridian\",9.0],PARAMETER[\
+                       \"Scale_Factor\",0.9996],PARAMETER[\"Latitude_Of_Origin\",0.0],UNIT[\"Meter\",1.0]]";
+
+    /// The corners of a field in UTM 32, [`CORNERS`] in WGS84 by PROJ 9, and a zone around its middle.
+    const MAP: &str = "POINT_X,POINT_Y,name\n681421.23,5777697.61,west\n682447.96,5777735.23,east\n681384.67,\
+                       5778698.38,north\n682411.19,5778735.99,ne\n";
+    const CORNERS: [[f64; 2]; 4] = [[52.12, 11.65], [52.12, 11.665], [52.129, 11.65], [52.129, 11.665]];
+    const MAP_ZONE: &str = "{\"type\":\"Polygon\",\"coordinates\":[[[682000,5778300],[682100,5778300],[682100,5778400],\
+                            [682000,5778300]]]}";
+
+    /// Sensor nodes and zones in metres of a map are exported within 2 cm of their latitude and longitude, whether an
+    /// option, a `.prj` or a member `crs` names the system.
+    #[test]
+    fn metres_of_a_map_are_exported_where_they_lie() {
+        let place = Place::new();
+        place.write("map.csv", MAP);
+        place.write("map.geojson", MAP_ZONE);
+        place.write("named.csv", MAP);
+        place.write("named.prj", UTM);
+        let points = MAP.lines().skip(1).map(|line| {
+            let [x, y] = [0, 1].map(|column| line.split(',').nth(column).unwrap());
+            format!("[{x},{y}]")
+        });
+        let points = points.collect::<Vec<_>>().join(",");
+        let crs = "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::25832\"}}";
+        place.write("own.geojson", &format!("{{\"type\":\"MultiPoint\",{crs},\"coordinates\":[{points}]}}"));
+        for (list, option) in [
+            ("map.csv", &["--crs", "EPSG:25832", "--zones", "map.geojson"][..]),
+            ("named.csv", &["--start", "681900,5778200"]),
+            ("own.geojson", &["--crs", "EPSG:25832", "--zones", "map.geojson"]),
+        ] {
+            place.run_ok(&[&["new", "utm", "--force", "--sensors", list], option].concat());
+            let run = ["simulate", "utm/utm.toml", "--force", "--strategy", "tour", "--set", "slots=9", "--out", "run"];
+            place.run_ok(&run);
+            place.run_ok(&["export", "run", "--force", "--format", "geojson"]);
+            let exported: serde_json::Value = serde_json::from_str(&place.read("run.geojson")).unwrap();
+            let nodes = exported["features"].as_array().unwrap().iter();
+            let nodes = nodes.filter(|feature| feature["properties"]["kind"] == "sensor node");
+            let nodes: Vec<[f64; 2]> =
+                nodes.map(|node| [1, 0].map(|axis| node["geometry"]["coordinates"][axis].as_f64().unwrap())).collect();
+            assert_eq!(nodes.len(), 4);
+            for (found, expected) in nodes.iter().zip(CORNERS) {
+                let north_m = (found[0] - expected[0]) * 111_260.0;
+                let east_m = (found[1] - expected[1]) * 111_320.0 * expected[0].to_radians().cos();
+                assert!(north_m.hypot(east_m) < 0.02, "{list}: {found:?} is {north_m} m, {east_m} m from {expected:?}");
+            }
+        }
     }
 
     /// A flight that is exported comes back as its sensor nodes, in GeoJSON.

@@ -74,7 +74,7 @@ fn a_run_of_an_external_vehicle_is_labelled_and_read_by_every_command() {
     assert_eq!(idle, 8, "one slot in seven");
 
     place.run_ok(&["report", "run", "--sensors"]);
-    place.run_ok(&["export", "run", "--format", "csv", "--out", "run.csv", "--origin", "47,8"]);
+    place.run_ok(&["export", "run", "--format", "csv", "--out", "run.csv", "--origin", "47,8", "--north", "true"]);
     place.run_ok(&["replay", "run", "--no-viewer"]);
     let outcome: serde_json::Value = serde_json::from_str(&place.read("run-replay/replay.json")).unwrap();
     assert_eq!(outcome["trace_hash"], summary["trace_hash"]);

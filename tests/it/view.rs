@@ -1,4 +1,6 @@
 //! Recordings in a browser: served files, who may read them, the parts of a page, and refusals.
+mod recordings;
+
 use crate::support;
 use std::collections::BTreeMap;
 use std::fs;
@@ -162,6 +164,31 @@ fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
     fs::remove_file(place.path("run/mission.rrd")).unwrap();
     assert_eq!(view.ask("GET", "/run/mission.rrd").status, 404);
     view.stop();
+}
+
+#[test]
+fn a_proxy_that_is_named_may_show_the_page() {
+    let place = Place::new();
+    recorded(&place, "run");
+    let view = View::start(&place, &["run", "--host", "Hub.example.org", "--host", "a-9090.app.github.dev"]);
+    let ask = |path: &str, host: &str| {
+        view.ask_with(&format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"))
+    };
+    let page = format!("{}/", view.path);
+    assert!(view.said.contains(&format!("Proxy:      https://hub.example.org/PREFIX{page} with")), "{}", view.said);
+    for host in ["hub.example.org", "a-9090.app.github.dev:443", "localhost"] {
+        assert_eq!(ask(&page, host).status, 200, "{host}");
+        assert_eq!(ask("/", host).status, 403, "{host}");
+    }
+    let refused = ask(&page, "other.example.org");
+    assert_eq!(refused.status, 403);
+    let says = refused.text().trim_end();
+    assert!(says.ends_with("name it: skysink view --host other.example.org"), "{says}");
+    view.stop();
+    for host in ["https://hub.example.org", "hub.example.org:443", "", "a b", "hub/..", "$(id)"] {
+        let ended = place.run(&["view", "run", "--port", "0", "--host", host]).assert_code(2);
+        assert!(ended.stderr.contains("expected the name of a host such as hub.example.org"), "{ended:?}");
+    }
 }
 
 #[test]

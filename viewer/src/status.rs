@@ -1,5 +1,6 @@
 //! The status text: results so far, from a slot and the history.
 
+use skysink_common::markup::markdown;
 use skysink_common::message::Totals;
 
 use crate::history::SensorHistory;
@@ -20,8 +21,9 @@ pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNam
     };
     let filling = history.overflow_s().enumerate().filter(|(_, full_s)| *full_s > 0.0 && full_s.is_finite());
     let next_full = filling.min_by(|(_, a_s), (_, b_s)| a_s.total_cmp(b_s));
-    let next_full =
-        next_full.map_or_else(String::new, |(id, full_s)| format!(", next full: {} in {full_s:.0} s", names.name(id)));
+    let next_full = next_full.map_or_else(String::new, |(id, full_s)| {
+        format!(", next full: {} in {full_s:.0} s", markdown(&names.name(id)))
+    });
     format!(
         "slot {} at {clock}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} \
          delivered)\n\n\

@@ -30,24 +30,27 @@ pub struct Site {
     path: String,
     /// The name of this machine, in lower case.
     machine: String,
+    /// The names of proxies before it, in lower case.
+    proxies: Vec<String>,
 }
 
 impl Site {
-    /// The page under a path that nobody can guess.
+    /// The page under a path that nobody can guess. Requests may name this machine, or one of the `proxies` before it.
     ///
     /// # Errors
     /// If the system has no random numbers.
-    pub fn new(page: WebPage) -> io::Result<Self> {
+    pub fn new(page: WebPage, proxies: &[String]) -> io::Result<Self> {
         let mut token = [0; TOKEN_BYTES];
         File::open("/dev/urandom")?.read_exact(&mut token)?;
-        Ok(Self::with_token(page, &token.map(|byte| format!("{byte:02x}")).concat()))
+        let site = Self::with_token(page, &token.map(|byte| format!("{byte:02x}")).concat());
+        Ok(Self { proxies: proxies.iter().map(|name| name.to_ascii_lowercase()).collect(), ..site })
     }
 
     /// The page under a known token: for tests.
     #[must_use]
     pub fn with_token(page: WebPage, token: &str) -> Self {
         let machine = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-        Self { page, path: format!("/{token}"), machine: machine.trim().to_ascii_lowercase() }
+        Self { page, path: format!("/{token}"), machine: machine.trim().to_ascii_lowercase(), proxies: Vec::new() }
     }
 
     /// The path of the page, such as `/81f0c43e10b3f2f9d2b2c52f8c4f1c7a/`.
@@ -61,8 +64,12 @@ impl Site {
             return refusal(StatusCode::METHOD_NOT_ALLOWED, "expected GET or HEAD");
         }
         if !self.is_addressed(request) {
-            let expected = "expected an IP address, localhost or the name of this machine as the host";
-            return refusal(StatusCode::FORBIDDEN, expected);
+            let given = named(request).unwrap_or_else(|| "NAME".to_owned());
+            let expected = format!(
+                "expected an IP address, localhost or the name of this machine as the host. Behind a proxy, such as \
+                 those of JupyterHub, code-server and Codespaces, name it: skysink view --host {given}"
+            );
+            return refusal(StatusCode::FORBIDDEN, &expected);
         }
         let Some((given, path)) = request.uri().path().split_at_checked(self.path.len()) else {
             return refusal(StatusCode::FORBIDDEN, NO_TOKEN);
@@ -72,7 +79,8 @@ impl Site {
         }
         if path.is_empty() {
             let mut redirect = refusal(StatusCode::PERMANENT_REDIRECT, "expected a / at the end");
-            let location = HeaderValue::try_from(self.path()).expect("hexadecimal digits");
+            // Relative: a proxy may have another path before it.
+            let location = HeaderValue::try_from(&self.path()[1..]).expect("hexadecimal digits");
             redirect.headers_mut().insert(LOCATION, location);
             return redirect;
         }
@@ -97,17 +105,27 @@ impl Site {
         is_one && request.uri().authority().is_none_or(|authority| self.is_name(authority.as_str()))
     }
 
-    /// Whether a host, with or without a port, is an IP address, `localhost` or the name of this machine.
+    /// Whether a host, with or without a port, is an IP address, `localhost`, the name of this machine or of a proxy.
     fn is_name(&self, host: &str) -> bool {
-        let Ok(uri) = host.parse::<Uri>() else { return false };
-        let Some(name) = uri.authority().filter(|it| !it.as_str().contains('@')).map(|it| it.host()) else {
-            return false;
-        };
-        let name = name.trim_end_matches('.').to_ascii_lowercase();
+        let Some(name) = name_of(host) else { return false };
         let is_machine = !self.machine.is_empty() && name.strip_suffix(".local").unwrap_or(&name) == self.machine;
         let address = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(&name);
-        address.parse::<IpAddr>().is_ok() || name == "localhost" || is_machine
+        address.parse::<IpAddr>().is_ok() || name == "localhost" || is_machine || self.proxies.contains(&name)
     }
+}
+
+/// The name of a host with or without a port, in lower case.
+fn name_of(host: &str) -> Option<String> {
+    let uri = host.parse::<Uri>().ok()?;
+    let authority = uri.authority().filter(|authority| !authority.as_str().contains('@'))?;
+    Some(authority.host().trim_end_matches('.').to_ascii_lowercase())
+}
+
+/// The one host that a request names, if it is a name of letters, digits, dots and hyphens.
+fn named<B>(request: &Request<B>) -> Option<String> {
+    let name = name_of(request.headers().get(HOST)?.to_str().ok()?)?;
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
+    (!name.is_empty() && name.bytes().all(is_plain)).then_some(name)
 }
 
 /// Compares texts in a time that does not depend on where they differ.
@@ -212,7 +230,7 @@ mod tests {
             assert_eq!(status(&site, uri), expected, "{uri}");
         }
         assert_eq!(answer(&site, Method::POST, "/0badcafe/", &["localhost"]).status(), 405);
-        let tokens = [0, 1].map(|_| Site::new(WebPage::new("x", &[], None)).unwrap().path());
+        let tokens = [0, 1].map(|_| Site::new(WebPage::new("x", &[], None), &[]).unwrap().path());
         assert!(tokens[0] != tokens[1] && tokens[0].len() == 2 * TOKEN_BYTES + 2, "{tokens:?}");
     }
 
@@ -234,6 +252,38 @@ mod tests {
         assert_eq!(answer(&site, Method::GET, "http://a.example/0badcafe/", &["localhost"]).status(), 403);
         site.machine = String::new();
         assert_eq!(answer(&site, Method::GET, "/0badcafe/", &[".local"]).status(), 403, "a machine without a name");
+    }
+
+    /// The text of an answer.
+    fn text(answer: Response<FileBody>) -> String {
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        String::from_utf8(runtime.block_on(answer.into_body().collect()).unwrap().to_bytes().to_vec()).unwrap()
+    }
+
+    #[test]
+    fn a_proxy_that_is_named_may_ask_and_a_refusal_says_how() {
+        let page = || WebPage::new("x", &[], None);
+        let of_proxy = Site::new(page(), &["Hub.Example.org".to_owned(), "a-9090.app.github.dev".to_owned()]).unwrap();
+        let path = of_proxy.path();
+        for host in
+            ["hub.example.org", "HUB.example.org:443", "hub.example.org.", "a-9090.app.github.dev", "localhost:1"]
+        {
+            assert_eq!(answer(&of_proxy, Method::GET, &path, &[host]).status(), 200, "{host}");
+            assert_eq!(answer(&of_proxy, Method::GET, "/", &[host]).status(), 403, "{host}, without the token");
+        }
+        for host in ["example.org", "x.hub.example.org", "hub.example.org.attacker.example", "b-9090.app.github.dev"] {
+            let refused = answer(&of_proxy, Method::GET, &path, &[host]);
+            assert_eq!(refused.status(), 403, "{host}");
+            let says = text(refused);
+            assert!(says.ends_with(&format!("name it: skysink view --host {host}\n")), "{says}");
+        }
+        for host in ["a@b", "<script>", "[::1", "$(id)", "a;b", "é"] {
+            let says = text(answer(&of_proxy, Method::GET, &path, &[host]));
+            assert!(says.ends_with("skysink view --host NAME\n"), "{host}: {says}");
+        }
+        let redirect = answer(&of_proxy, Method::GET, path.trim_end_matches('/'), &["hub.example.org"]);
+        let location = redirect.headers()[LOCATION].to_str().unwrap();
+        assert!(redirect.status() == 308 && !location.starts_with('/') && path == format!("/{location}"), "{location}");
     }
 
     #[test]

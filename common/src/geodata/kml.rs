@@ -2,17 +2,20 @@
 
 use super::xml::{self, XmlElement};
 use super::{
-    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, NAME, check_geodetic, is_closed,
-    kind_of_line,
+    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, NAME, SourceText, check_geodetic,
+    is_closed, kind_of_line,
 };
 use crate::error::quoted;
 
 /// The outermost elements of files and of parts of them.
 const ROOTS: [&str; 4] = ["kml", "Document", "Folder", "Placemark"];
 
+/// The item that another file is shown by.
+const LINK: &str = "NetworkLink";
+
 /// Items without a placemark that have a position, and what they are called.
 const ITEMS: [(&str, &str); 5] = [
-    ("NetworkLink", "link"),
+    (LINK, "link"),
     ("GroundOverlay", "overlay"),
     ("PhotoOverlay", "overlay"),
     ("ScreenOverlay", "overlay"),
@@ -26,15 +29,27 @@ const OTHERS: [(&str, &str); 4] =
 /// The folders that `skysink export` writes, with the kind of their points.
 const FOLDERS: [(&str, &str); 2] = [("sensor nodes", "sensor node"), ("service points", "service")];
 
-/// Finds the points and polygons of the text of a file.
+/// Finds the points and polygons of the text of a file, which are in degrees of WGS84. The further documents of an
+/// archive are ignored.
 ///
 /// # Errors
 /// If it is not KML, or a position is invalid.
-pub fn find(text: &str) -> Result<FoundPoints, String> {
-    let root = xml::parse(text, "KML", &ROOTS)?;
+pub fn find(source: &SourceText<'_>) -> Result<FoundPoints, String> {
+    let root = xml::parse(source.text, "KML", &ROOTS)?;
     let mut found = FoundPoints::default();
     found.add_items(&[root], None)?;
+    found.ignored.extend(source.others.iter().map(|name| IgnoredItem { kind: "document", name: Some(name.clone()) }));
     Ok(found)
+}
+
+/// The name of an item: its own, and the file that it links to.
+fn name_of(item: &XmlElement) -> Option<String> {
+    let own = item.text_of(NAME);
+    let link = item.named("Link").chain(item.named("Url")).find_map(|link| link.text_of("href"));
+    match (own, link.filter(|_| item.name == LINK)) {
+        (Some(own), Some(link)) => Some(format!("{own}: {link}")),
+        (own, link) => own.or(link).map(str::to_owned),
+    }
 }
 
 /// Name, description and extended data of a placemark.
@@ -103,8 +118,7 @@ impl FoundPoints {
                 "Placemark" => self.add_placemark(child, kind)?,
                 name => {
                     let item = ITEMS.iter().find(|(item, _)| *item == name);
-                    let named = child.text_of(NAME).map(str::to_owned);
-                    self.ignored.extend(item.map(|(_, kind)| IgnoredItem { kind, name: named }));
+                    self.ignored.extend(item.map(|(_, kind)| IgnoredItem { kind, name: name_of(child) }));
                 }
             }
         }
@@ -161,10 +175,7 @@ impl FoundPoints {
 
 fn point(point: &XmlElement) -> Result<FoundPoint, String> {
     match &tuples(point)?[..] {
-        [found] => {
-            let altitude_m = found.altitude_m.filter(|_| altitude_mode(point) != "relativeToGround");
-            Ok(FoundPoint { altitude_m, ..found.clone() })
-        }
+        [found] => Ok(found.clone()),
         [] => Err("no coordinates: expected a position".to_owned()),
         several => Err(format!("{} positions: expected one", several.len())),
     }
@@ -198,6 +209,10 @@ fn polygon(polygon: &XmlElement) -> Result<(FoundPolygon, bool), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn find(text: &str) -> Result<FoundPoints, String> {
+        super::find(&SourceText { text, ..SourceText::default() })
+    }
 
     const FILE: &str = "<kml xmlns=\"http://www.opengis.net/kml/2.2\"><Document><Folder><Placemark><name>a</name><Point>\
                         <coordinates>13.4,52.5,30</coordinates></Point></Placemark></Folder><Placemark><LineString>\

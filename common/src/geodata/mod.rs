@@ -1,9 +1,10 @@
 //! Files of geodetic positions: the points and polygons of GeoJSON and KML, and the zones among them.
 //!
-//! Each format has its own file; `projection` leads into the plane of an area and back. What the points and polygons
-//! mean is left to the callers.
+//! Each format has its own file; `reference` leads from the metres of maps to latitude and longitude, `projection` into
+//! the plane of an area and back. What the points and polygons mean is left to the callers.
 
 pub mod geojson;
+mod heights;
 pub mod kml;
 pub mod plausible;
 pub mod projection;
@@ -16,7 +17,8 @@ use std::path::Path;
 
 use crate::error::{InputError, quoted, read_bytes};
 
-pub use reference::ReferenceSystem;
+pub use heights::FOOT_M;
+pub use reference::{Coordinates, EarthSystem, ReferenceSystem};
 pub use zones::{Zone, ZoneKind, Zones, read_zones};
 
 /// The property that names a point or a polygon.
@@ -33,7 +35,7 @@ pub const KMZ: &str = "kmz";
 pub struct FoundPoint {
     /// Latitude and longitude [°].
     pub position: [f64; 2],
-    /// Its altitude above sea level or the ellipsoid [m].
+    /// Its height [m], above whatever the file means: the ground, sea level, the ellipsoid or nothing.
     pub altitude_m: Option<f64>,
     /// Names and values of its properties.
     pub properties: Vec<(String, String)>,
@@ -80,6 +82,8 @@ pub struct FoundPoints {
     pub polygons: Vec<FoundPolygon>,
     /// All other items.
     pub ignored: Vec<IgnoredItem>,
+    /// The system that its positions were converted from; `None` if they are in degrees of WGS84.
+    pub system: Option<ReferenceSystem>,
 }
 
 /// The kind of a line that ends where it begins, such as one around ground that must not be entered.
@@ -154,25 +158,44 @@ impl IgnoredItem {
     }
 }
 
-/// Reads the text of a file. The error contains location, value and expectation.
-pub type ReadFormat<T> = fn(&str) -> Result<T, String>;
+/// The text of a file, with what its reader has to know besides.
+#[derive(Debug, Default)]
+pub struct SourceText<'a> {
+    /// The text.
+    pub text: &'a str,
+    /// The system of positions that are no degrees, where the file itself names none: that of an option, or of a file
+    /// `.prj`.
+    pub system: Option<&'a ReferenceSystem>,
+    /// Names of further documents in its archive, which are not read.
+    pub others: Vec<String>,
+}
 
-/// Reads the file `path`, a kind of input, with the reader of its extension.
+/// Reads the text of a file. The error contains location, value and expectation.
+pub type ReadFormat<T> = fn(&SourceText<'_>) -> Result<T, String>;
+
+/// Reads the file `path`, a kind of input, with the reader of its extension. `system` is that of an option.
 ///
 /// # Errors
 /// If no reader has its extension, the file cannot be read, or its reader refuses it.
-pub fn read<T>(what: &'static str, path: &Path, formats: &[(&str, ReadFormat<T>)]) -> Result<T, InputError> {
+pub fn read<T>(
+    what: &'static str,
+    path: &Path,
+    system: Option<&ReferenceSystem>,
+    formats: &[(&str, ReadFormat<T>)],
+) -> Result<T, InputError> {
     let refuse = |message: String| InputError::new(what, path, message);
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
     let names = formats.iter().map(|(name, _)| format!(".{name}")).collect::<Vec<_>>().join(", ");
     let format = formats.iter().find(|(name, _)| *name == extension);
     let (_, reader) = format.ok_or_else(|| refuse(format!("`.{extension}`: expected a file named {names}")))?;
     let bytes = read_bytes(what, path)?;
-    let bytes = if extension == KMZ { text::unzip(&bytes).map_err(refuse)? } else { bytes };
-    let read = text::decode(&bytes).and_then(|text| reader(&text));
-    read.map_err(|message| match ReferenceSystem::beside(path).filter(|system| !system.is_wgs84) {
-        Some(system) => refuse(format!("{message} ({system})")),
-        None => refuse(message),
+    let (bytes, others) = if extension == KMZ { text::unzip(&bytes).map_err(refuse)? } else { (bytes, Vec::new()) };
+    let beside = ReferenceSystem::beside(path);
+    let system = system.or(beside.as_ref());
+    let read = text::decode(&bytes).and_then(|text| reader(&SourceText { text: &text, system, others }));
+    read.map_err(|message| match beside.as_ref().filter(|system| !system.is_wgs84()) {
+        Some(system) if !message.contains(&system.to_string()) => refuse(format!("{message} ({system})")),
+        _ => refuse(message),
     })
 }
 
@@ -186,7 +209,7 @@ pub fn check_geodetic([lat_deg, lon_deg]: [f64; 2]) -> Result<(), String> {
     let cause = if is_longitude(lat_deg) && is_latitude(lon_deg) {
         "; are latitude and longitude swapped?"
     } else if lat_deg.abs().max(lon_deg.abs()) > 360.0 {
-        "; no degrees of WGS84 (EPSG:4326), but metres of a projection such as UTM?"
+        "; no degrees of WGS84 (EPSG:4326), but metres of a projection such as UTM (--crs of `skysink new`)?"
     } else {
         ""
     };
@@ -218,7 +241,8 @@ mod tests {
 
     #[test]
     fn a_file_of_an_unknown_format_is_refused() {
-        let error = read("zones", Path::new("a.shp"), &[("kml", kml::find), ("json", geojson::find)]).unwrap_err();
+        let error =
+            read("zones", Path::new("a.shp"), None, &[("kml", kml::find), ("json", geojson::find)]).unwrap_err();
         assert_eq!(error.to_string(), "zones a.shp: `.shp`: expected a file named .kml, .json");
     }
 }

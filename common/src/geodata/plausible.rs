@@ -3,8 +3,8 @@
 
 use nalgebra::Vector2;
 
-use super::check_geodetic;
 use super::projection::{Origin, Projection};
+use super::{check_geodetic, heights};
 use crate::airspace::Polygon;
 use crate::geometry::{Position, extent};
 
@@ -54,6 +54,8 @@ pub struct FieldPlaces<'a> {
     pub origin: Option<Origin>,
     /// The sensor nodes [m].
     pub nodes: &'a [Position],
+    /// The altitude of the ground at each [m], or none.
+    pub ground_m: &'a [f64],
     /// The name of a sensor node in messages: its file and line.
     pub node_name: &'a dyn Fn(usize) -> String,
     /// Zones, buildings and the boundary.
@@ -110,6 +112,7 @@ impl FieldPlaces<'_> {
             doubts.push(format!("the area is {size}: are all positions degrees of WGS84 (EPSG:4326), or metres?"));
         }
         doubts.extend(self.outlier());
+        doubts.extend(heights::doubts(self.nodes, self.ground_m, self.node_name));
         doubts.extend(self.polygons.iter().filter_map(|polygon| self.beyond(polygon)));
         doubts.extend(self.polygons.iter().filter_map(|polygon| self.excluded(polygon)));
         doubts
@@ -153,19 +156,11 @@ impl FieldPlaces<'_> {
     fn meant(&self, at: &Position) -> Option<&'static str> {
         let projection = Projection::at(self.origin?);
         let found = projection.unproject(at)?;
-        let [lat_deg, lon_deg] = [found.lat_deg, found.lon_deg];
-        let changed = [
-            ([lat_deg, -lon_deg], "the sign of its longitude wrong"),
-            ([-lat_deg, lon_deg], "the sign of its latitude wrong"),
-            ([lon_deg, lat_deg], "its longitude first, where latitude is expected, or the other way round"),
-        ];
-        let is_in_area = |[lat_deg, lon_deg]: [f64; 2]| {
-            check_geodetic([lat_deg, lon_deg]).is_ok()
-                && projection.project(lat_deg, lon_deg).is_some_and(|at| {
-                    [0, 1].into_iter().all(|axis| (-self.sides_m[axis]..=2.0 * self.sides_m[axis]).contains(&at[axis]))
-                })
-        };
-        changed.into_iter().find(|(position, _)| is_in_area(*position)).map(|(_, what)| what)
+        meant([found.lat_deg, found.lon_deg], |[lat_deg, lon_deg]| {
+            projection.project(lat_deg, lon_deg).is_some_and(|at| {
+                [0, 1].into_iter().all(|axis| (-self.sides_m[axis]..=2.0 * self.sides_m[axis]).contains(&at[axis]))
+            })
+        })
     }
 
     /// A boundary that is farther from sensor nodes than `d_c`, or a no-fly zone that encloses most of them.
@@ -205,6 +200,17 @@ impl FieldPlaces<'_> {
     }
 }
 
+/// What is probably wrong with a latitude and a longitude [°]: what changes it so that it `is_near`.
+pub fn meant([lat_deg, lon_deg]: [f64; 2], is_near: impl Fn([f64; 2]) -> bool) -> Option<&'static str> {
+    let changed = [
+        ([lat_deg, -lon_deg], "the sign of its longitude wrong"),
+        ([-lat_deg, lon_deg], "the sign of its latitude wrong"),
+        ([lon_deg, lat_deg], "its longitude first, where latitude is expected, or the other way round"),
+    ];
+    let is_meant = |position: &[f64; 2]| check_geodetic(*position).is_ok() && is_near(*position);
+    changed.into_iter().find(|(position, _)| is_meant(position)).map(|(_, what)| what)
+}
+
 /// A distance in the unit that suits it.
 #[must_use]
 pub fn distance(metres: f64) -> String {
@@ -238,7 +244,9 @@ mod tests {
         let nodes: Vec<Position> = nodes.iter().map(|&node| node.into()).collect();
         let node_name = &|node: usize| format!("line {}", node + 2);
         let comm_radius_m = 10.0;
-        FieldPlaces { sides_m: [200.0; 2], origin: Some(ORIGIN), nodes: &nodes, node_name, polygons, comm_radius_m }
+        let origin = Some(ORIGIN);
+        let ground_m = &[];
+        FieldPlaces { sides_m: [200.0; 2], origin, nodes: &nodes, ground_m, node_name, polygons, comm_radius_m }
             .doubts()
     }
 

@@ -10,6 +10,9 @@ use crate::error::quoted;
 /// Most bytes of the document of an archive.
 const MOST_BYTES: u64 = 1 << 28;
 
+/// Ends of the names of files in an archive that have places: documents, and archives of them.
+const DOCUMENTS: [&str; 2] = [".kml", ".kmz"];
+
 /// Bytes in which an XML declaration names its encoding.
 const DECLARATION: usize = 200;
 
@@ -48,27 +51,32 @@ fn declared(bytes: &[u8]) -> Option<String> {
     Some(value[1..].split(quote).next()?.to_owned())
 }
 
-/// The document of a KMZ archive: its first file named `.kml` in the outermost folder that has one.
+/// The document of a KMZ archive, its first file named `.kml` in the outermost folder that has one; and the names of
+/// all other documents and archives in it.
 ///
 /// # Errors
 /// If it is no zip archive, has no such file, or one that is damaged or too large.
-pub fn unzip(bytes: &[u8]) -> Result<Vec<u8>, String> {
+pub fn unzip(bytes: &[u8]) -> Result<(Vec<u8>, Vec<String>), String> {
     let refuse = |error: &dyn std::fmt::Display| format!("{error}: expected a KMZ file, a zip archive with a KML file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| refuse(&error))?;
-    let documents = (0..archive.len()).filter_map(|index| {
+    let files = (0..archive.len()).filter_map(|index| {
         let name = archive.name_for_index(index)?.replace('\\', "/");
         let is_own = !name.rsplit('/').next()?.starts_with('.'); // macOS adds files such as `__MACOSX/._doc.kml`
-        (is_own && name.to_lowercase().ends_with(".kml")).then(|| (name.matches('/').count(), index))
+        let lower = name.to_lowercase();
+        (is_own && DOCUMENTS.iter().any(|end| lower.ends_with(end))).then_some((name, index))
     });
-    let index = documents.min().map(|(_, index)| index);
-    let index = index.ok_or_else(|| refuse(&"no KML file in it"))?;
+    let files: Vec<(String, usize)> = files.collect();
+    let documents = files.iter().filter(|(name, _)| name.to_lowercase().ends_with(DOCUMENTS[0]));
+    let document = documents.min_by_key(|(name, index)| (name.matches('/').count(), *index));
+    let index = document.ok_or_else(|| refuse(&"no KML file in it"))?.1;
+    let others = files.into_iter().filter(|(_, other)| *other != index).map(|(name, _)| name).collect();
     let document = archive.by_index(index).map_err(|error| refuse(&error))?;
     let mut text = Vec::new();
     document.take(MOST_BYTES + 1).read_to_end(&mut text).map_err(|error| refuse(&error))?;
     if text.len() as u64 > MOST_BYTES {
         return Err(format!("a document of more than {MOST_BYTES} bytes: expected a smaller one"));
     }
-    Ok(text)
+    Ok((text, others))
 }
 
 #[cfg(test)]

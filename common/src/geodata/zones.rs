@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::{
-    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat, geojson,
-    kml,
+    CLOSED_LINE, Extrusion, FOOT_M, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat,
+    ReferenceSystem, geojson, kml,
 };
 use crate::airspace::Polygon;
 use crate::error::{InputError, quoted};
@@ -20,6 +20,9 @@ const WHAT: &str = "zones";
 
 /// Properties for the height of a building [m].
 const HEIGHTS: [&str; 2] = ["height_m", "height"];
+
+/// What feet are called after a number.
+const FEET: [&str; 3] = ["ft", "feet", "'"];
 
 /// Properties of a point in the middle of a circle, as programs for geofences write them.
 const RADII: [&str; 2] = ["radius", "radius_m"];
@@ -66,25 +69,28 @@ pub struct Zones {
     pub zones: Vec<Zone>,
     /// Counts and names of all that is no polygon, with the remedy; `None` without such items.
     pub ignored: Option<String>,
+    /// The system that their corners were converted from; `None` if they are in degrees of WGS84.
+    pub system: Option<ReferenceSystem>,
 }
 
-/// Reads the zones of the file `path`, KML, KMZ or GeoJSON.
+/// Reads the zones of the file `path`, KML, KMZ or GeoJSON. `system` is that of an option, for GeoJSON in lengths that
+/// does not name its own.
 ///
 /// # Errors
 /// If the format is unknown, the file cannot be read, a polygon has a hole, no corners or an invalid position, or there
 /// is none.
-pub fn read_zones(path: &Path) -> Result<Zones, InputError> {
+pub fn read_zones(path: &Path, system: Option<&ReferenceSystem>) -> Result<Zones, InputError> {
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gpx")) {
         let message = "GPX has no polygons: expected KML, KMZ or GeoJSON, with a polygon for each zone";
         return Err(InputError::new(WHAT, path, message));
     }
-    let found = super::read(WHAT, path, &FORMATS)?;
+    let found = super::read(WHAT, path, system, &FORMATS)?;
     let points = found.points.iter().map(ignored_point);
     let ignored: Vec<IgnoredItem> = found.ignored.iter().cloned().chain(points).collect();
     let zones = zones(&found, &ignored).map_err(|message| InputError::new(WHAT, path, message))?;
     let has_closed = ignored.iter().any(|item| [CLOSED_LINE, CIRCLE].contains(&item.kind));
     let remedy = if has_closed { "; only polygons are zones: draw what must not be entered as such" } else { "" };
-    Ok(Zones { zones, ignored: IgnoredItem::summary(&ignored).map(|summary| summary + remedy) })
+    Ok(Zones { zones, ignored: IgnoredItem::summary(&ignored).map(|summary| summary + remedy), system: found.system })
 }
 
 /// A point among zones.
@@ -146,6 +152,14 @@ fn zones(found: &FoundPoints, ignored: &[IgnoredItem]) -> Result<Vec<Zone>, Stri
     }
 }
 
+/// A height [m] from its text, in metres unless it says feet.
+fn height_m(text: &str) -> Option<f64> {
+    let in_feet = FEET.iter().find_map(|unit| text.strip_suffix(unit));
+    let number = in_feet.unwrap_or_else(|| text.trim_end_matches('m'));
+    let number: f64 = number.trim_end().parse().ok()?;
+    Some(if in_feet.is_some() { number * FOOT_M } else { number })
+}
+
 fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
     let outer = match &polygon.rings[..] {
         [] => return Err("no corners: expected at least three".to_owned()),
@@ -165,8 +179,8 @@ fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
         let height = match property(&HEIGHTS) {
             None => polygon.extrusion,
             Some(value) => {
-                let number = value.trim_end_matches('m').trim_end().parse().ok();
-                Extrusion::AboveGround(number.ok_or_else(|| format!("height {}: expected metres", quoted(value)))?)
+                let expected = || format!("height {}: expected metres, or feet as in `40 ft`", quoted(value));
+                Extrusion::AboveGround(height_m(value).ok_or_else(expected)?)
             }
         };
         match height {
@@ -199,6 +213,7 @@ mod tests {
         assert_eq!(kind(&[("name", "airfield")]), Ok(ZoneKind::NoFly));
         assert_eq!(kind(&[("building", "yes"), ("Height", "12.5 m")]), Ok(ZoneKind::Building(12.5)));
         assert_eq!(kind(&[("height", "9"), ("height_m", "10")]), Ok(ZoneKind::Building(10.0)));
+        assert_eq!(kind(&[("height", "40 ft")]), Ok(ZoneKind::Building(40.0 * 0.3048)));
         assert_eq!(kind(&[("kind", "area"), ("name", "field")]), Ok(ZoneKind::Boundary));
         assert_eq!(kind(&[("name", "Boundary")]), Ok(ZoneKind::Boundary));
         let extruded = FoundPolygon { extrusion: Extrusion::AboveGround(7.0), ..found(&[]) };

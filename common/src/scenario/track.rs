@@ -24,18 +24,27 @@ pub(super) struct TrackFile {
     lines: Vec<u64>,
 }
 
-/// A row of a track.
-struct TrackRow {
-    time_s: f64,
-    at: Point3<f64>,
-    line: u64,
+/// A place of a flight at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimedPoint {
+    /// Time since the start [s].
+    pub time_s: f64,
+    /// The place [m].
+    pub at: Point3<f64>,
 }
 
-/// Replaces the file `uav.track` by `uav.waypoints_m`, and starts where it starts if there is no other start.
+/// The rows of a track, and the line of each.
+struct TrackRows {
+    points: Vec<TimedPoint>,
+    lines: Vec<u64>,
+}
+
+/// Replaces the file `uav.track`, or its text that is `held` instead, by `uav.waypoints_m`, and starts where it starts if
+/// there is no other start.
 ///
 /// # Errors
 /// If the file has an invalid row, or ends before the mission.
-pub(super) fn read_file(scenario: &mut Scenario) -> Result<Option<TrackFile>, InputError> {
+pub(super) fn read_file(scenario: &mut Scenario, held: Option<String>) -> Result<Option<TrackFile>, InputError> {
     let Some(file) = scenario.uav.track.take() else { return Ok(None) };
     if scenario.slots > MOST_TRACK_SLOTS {
         let expected = format!("none with more than {MOST_TRACK_SLOTS} slots");
@@ -43,37 +52,47 @@ pub(super) fn read_file(scenario: &mut Scenario) -> Result<Option<TrackFile>, In
         return Err(scenario.refusal("uav.track", &value, &expected));
     }
     let path = scenario.beside(&file);
-    let text = read_text("track", &path)?;
+    let text = held.map_or_else(|| read_text("track", &path), Ok)?;
     let rows = rows(&text, scenario).map_err(|message| InputError::new("track", &path, message))?;
-    let first = rows[0].at;
+    let TrackRows { points, lines } = rows;
     let end_s = scenario.slots as f64 * scenario.slot_s;
-    let last = &rows[rows.len() - 1];
+    let last = points[points.len() - 1];
     if last.time_s < end_s * (1.0 - ROUNDING) {
         let expected = format!("a last row at the end of the mission, {end_s} s, or later");
-        let message = format_args!("line {}: it ends at {} s: expected {expected}", last.line, last.time_s);
+        let message =
+            format_args!("line {}: it ends at {} s: expected {expected}", lines[lines.len() - 1], last.time_s);
         return Err(InputError::new("track", &path, message));
     }
-    let mut next = 0;
-    let mut lines = Vec::with_capacity(scenario.slots as usize);
-    let waypoint = |slot: u64| -> [f64; 3] {
-        let time_s = slot as f64 * scenario.slot_s;
-        while next + 1 < rows.len() && rows[next].time_s < time_s {
-            next += 1;
-        }
-        lines.push(rows[next].line);
-        at(&rows[next.saturating_sub(1)], &rows[next], time_s).into()
-    };
-    scenario.uav.waypoints_m = Some((1..=scenario.slots).map(waypoint).collect());
-    let begin = rows.iter().take_while(|row| row.time_s <= 0.0).count();
-    let start = if begin > 0 { at(&rows[begin - 1], rows.get(begin).unwrap_or(last), 0.0) } else { first };
+    let ends = slot_ends(&points, scenario.slot_s, scenario.slots);
+    let (_, start) = ends[0];
     if scenario.uav.starts_m.is_none() {
         scenario.uav.start_m.get_or_insert([start.x, start.y]);
     }
+    scenario.uav.waypoints_m = Some(ends[1..].iter().map(|(_, at)| (*at).into()).collect());
+    let lines = ends[1..].iter().map(|(row, _)| lines[*row]).collect();
     Ok(Some(TrackFile { path, lines }))
 }
 
-/// The point of a track at `time_s`, between two rows; that of the nearer row beyond them.
-fn at(from: &TrackRow, to: &TrackRow, time_s: f64) -> Point3<f64> {
+/// The place at the start, and where each of the `slots` of `slot_s` [s] ends, between points at ascending times; before
+/// the first and after the last of them it is there. Each with the index of the point that it leads to.
+///
+/// # Panics
+/// Without points.
+#[must_use]
+pub fn slot_ends(points: &[TimedPoint], slot_s: f64, slots: u64) -> Vec<(usize, Point3<f64>)> {
+    let mut next = 0;
+    let end = |slot: u64| {
+        let time_s = slot as f64 * slot_s;
+        while next + 1 < points.len() && points[next].time_s < time_s {
+            next += 1;
+        }
+        (next, at(&points[next.saturating_sub(1)], &points[next], time_s))
+    };
+    (0..=slots).map(end).collect()
+}
+
+/// The place at `time_s`, between two points; that of the nearer one beyond them.
+fn at(from: &TimedPoint, to: &TimedPoint, time_s: f64) -> Point3<f64> {
     if time_s >= to.time_s {
         return to.at;
     }
@@ -84,7 +103,7 @@ fn at(from: &TrackRow, to: &TrackRow, time_s: f64) -> Point3<f64> {
 }
 
 /// The rows of the text of a track, at least one, at ascending times.
-fn rows(text: &str, scenario: &Scenario) -> Result<Vec<TrackRow>, String> {
+fn rows(text: &str, scenario: &Scenario) -> Result<TrackRows, String> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| format!("line 1: {error}"))?.clone();
     let column = |name: &str| header.iter().position(|column| column == name);
@@ -99,7 +118,7 @@ fn rows(text: &str, scenario: &Scenario) -> Result<Vec<TrackRow>, String> {
     let expected = "t_s,x_m,y_m or slot,x_m,y_m, and optionally z_m";
     let (time, unit_s, ground, z) =
         columns.ok_or_else(|| format!("line 1: header `{}`: expected {expected}", names()))?;
-    let mut rows: Vec<TrackRow> = Vec::new();
+    let mut rows = TrackRows { points: Vec::new(), lines: Vec::new() };
     for record in reader.records() {
         let record =
             record.map_err(|error| format!("line {}: expected UTF-8 text", line_of(text, error.position())))?;
@@ -114,13 +133,14 @@ fn rows(text: &str, scenario: &Scenario) -> Result<Vec<TrackRow>, String> {
             number.ok_or_else(|| refuse(column, "a finite number"))
         };
         let time_s = number(time)? * unit_s;
-        if rows.last().is_some_and(|last| last.time_s >= time_s) {
+        if rows.points.last().is_some_and(|last| last.time_s >= time_s) {
             return Err(refuse(time, "ascending times"));
         }
         let z_m = z.map_or(Ok(scenario.uav.altitude_m), number)?;
-        rows.push(TrackRow { time_s, at: Point3::new(number(ground[0])?, number(ground[1])?, z_m), line });
+        rows.points.push(TimedPoint { time_s, at: Point3::new(number(ground[0])?, number(ground[1])?, z_m) });
+        rows.lines.push(line);
     }
-    if rows.is_empty() {
+    if rows.points.is_empty() {
         return Err("line 1: no rows: expected at least one".to_owned());
     }
     Ok(rows)
@@ -214,6 +234,15 @@ mod tests {
         assert_eq!(again.hash(), scenario.hash());
         let shorter = Overrides { slots: Some(3), ..Overrides::default() };
         assert!(Scenario::parse(&scenario.to_toml(), Path::new("b.toml"), shorter).is_ok());
+    }
+
+    #[test]
+    fn a_text_that_is_held_replaces_the_file() {
+        let text = "name = 'a'\nslots = 2\n[uav]\ntrack = 'none.csv'\n";
+        let track = Some("t_s,x_m,y_m\n0,10,50\n2,30,50\n".to_owned());
+        let overrides = Overrides { track, ..Overrides::default() };
+        let scenario = Scenario::parse(text, Path::new("a.toml"), overrides).unwrap();
+        assert_eq!(scenario.uav.waypoints_m.as_deref(), Some(&[[20.0, 50.0, 20.0], [30.0, 50.0, 20.0]][..]));
     }
 
     #[test]

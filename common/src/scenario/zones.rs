@@ -58,7 +58,7 @@ pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
             return Err(scenario.refusal(&format!("{key}.file"), &toml_of(file), expected));
         };
         let path = scenario.beside(file);
-        let read = read_zones(&path)?;
+        let read = read_zones(&path, None)?;
         let note = |ignored| format!("zones {}: ignored: {ignored}", one_line(&path.to_string_lossy(), MAX_PATH));
         scenario.notes.extend(read.ignored.map(note));
         for zone in read.zones {

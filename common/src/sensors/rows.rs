@@ -78,10 +78,13 @@ const MOST_CHARACTERS: usize = 100;
 /// # Errors
 /// A message with the name, if it is another.
 pub fn check_name(name: &str) -> Result<(), String> {
-    let is_forbidden = |character: char| character.is_control() || "\u{fffe}\u{ffff}".contains(character);
-    let is_accepted = name.chars().count() <= MOST_CHARACTERS && !name.chars().any(is_forbidden);
+    let is_forbidden = |character: &char| character.is_control() || "\u{fffe}\u{ffff}".contains(*character);
+    let forbidden = name.chars().find(is_forbidden);
+    let kind = if forbidden.is_some_and(char::is_control) { "a control character" } else { "which XML forbids" };
+    let has = forbidden.map(|character| format!(": U+{:04X}, {kind}", u32::from(character))).unwrap_or_default();
     let expected = format_args!("at most {MOST_CHARACTERS} characters, on one line");
-    if is_accepted { Ok(()) } else { Err(format!("name = {}: expected {expected}", quoted(name))) }
+    let is_accepted = forbidden.is_none() && name.chars().count() <= MOST_CHARACTERS;
+    if is_accepted { Ok(()) } else { Err(format!("name = {}{has}: expected {expected}", quoted(name))) }
 }
 
 /// A projected position up to this far [m] outside the area is moved to its border, so that rounding does not exclude
@@ -127,7 +130,7 @@ pub(super) fn read(text: &str, scenario: &Scenario, locate: impl Fn(usize, u64) 
             let expected = "at most 9e18 bits over the mission from all sensor nodes";
             return Err(at(line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
         }
-        let expected = format!("the altitude of the ground, {} to {} m", GROUND_M.start(), GROUND_M.end());
+        let expected = format!("the altitude of the ground, {} to {} m, not a void", GROUND_M.start(), GROUND_M.end());
         let ground = table.number(&row, GROUND, &expected, |value| GROUND_M.contains(&value));
         ground_m.extend(ground.map_err(|message| at(line, message))?);
         names.extend(table.name(&row).map_err(|message| at(line, message))?);

@@ -2,6 +2,7 @@
 
 use super::chart::{Chart, CurvePoint};
 use crate::statistics::{limits_text, told_decimals};
+use skysink_common::markup::{latex, markdown};
 use skysink_mission::metrics::Support;
 
 /// The numbers of a figure.
@@ -98,13 +99,13 @@ impl CurvePoint {
 impl NumberTable {
     /// The table in Markdown, below its title.
     pub fn markdown(&self) -> String {
-        let title = if self.title.is_empty() { String::new() } else { format!("**{}**; ", self.title) };
+        let title = if self.title.is_empty() { String::new() } else { format!("**{}**; ", markdown(&self.title)) };
         let line = |cells: &Vec<String>| {
-            let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            let cells: Vec<String> = cells.iter().map(|cell| markdown(cell)).collect();
             format!("| {} |\n", cells.join(" | "))
         };
         let rule = format!("|{}\n", " --- |".repeat(self.head.len()));
-        format!("\n{title}{}\n\n", self.about)
+        format!("\n{title}{}\n\n", markdown(&self.about))
             + &line(&self.head)
             + &rule
             + &self.rows.iter().map(line).collect::<String>()
@@ -157,23 +158,10 @@ impl NumberTable {
     }
 }
 
-/// Escapes the text of a cell for every LaTeX engine.
+/// The text of a cell in LaTeX; that of a number has minus signs.
 fn latex_cell(text: &str) -> String {
-    let character = |character: char| match character {
-        '#' | '$' | '%' | '&' | '_' | '{' | '}' => format!("\\{character}"),
-        '[' => "{[}".to_owned(), // at the start of a row it would be parsed as an argument of \\
-        '\\' => "\\textbackslash{}".to_owned(),
-        '~' => "\\textasciitilde{}".to_owned(),
-        '^' => "\\textasciicircum{}".to_owned(),
-        '±' => "$\\pm$".to_owned(),
-        'η' => "$\\eta$".to_owned(),
-        'µ' => "$\\mu$".to_owned(),
-        '−' => "$-$".to_owned(),
-        other => other.to_string(),
-    };
     let is_number = text.starts_with(|first: char| first == '-' || first.is_ascii_digit());
-    let text = if is_number { text.replace('-', "−") } else { text.to_owned() };
-    text.chars().map(character).collect()
+    if is_number { latex(&text.replace('-', "−")) } else { latex(text) }
 }
 
 #[cfg(test)]
@@ -189,14 +177,14 @@ mod tests {
             head: cells(["area.side_m", "uts|{a}"]),
             rows: vec![cells(["[50, 150]", "-0.5 ± 0.1"]), cells(["dense-urban", "50 %"])],
         };
-        let markdown = "\n**Loss & more**; η, mean ± half\n\n| area.side_m | uts\\|{a} |\n| --- | --- |\n";
+        let markdown = "\n**Loss &amp; more**; η, mean ± half\n\n| area.side_m | uts\\|{a} |\n| --- | --- |\n";
         assert_eq!(table.markdown(), format!("{markdown}| [50, 150] | -0.5 ± 0.1 |\n| dense-urban | 50 % |\n"));
         let expected = r"% Loss & more
 % η, mean ± half
 % seeds 1 to 3
 \begin{tabular}{rr}
   \toprule
-  area.side\_m & uts|\{a\} \\
+  area.side\_m & uts\textbar{}\{a\} \\
   \midrule
   {[}50, 150] & $-$0.5 $\pm$ 0.1 \\
   dense-urban & 50 \% \\

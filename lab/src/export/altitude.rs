@@ -52,7 +52,7 @@ impl Altitudes {
         track: &GeodeticTrack<'_>,
         reference: Option<AltitudeReference>,
         home_ground_m: Option<f64>,
-        autopilot: Autopilot,
+        autopilot: Option<Autopilot>,
     ) -> Result<Self, InputError> {
         let mut ground = Ground::of(&track.run.list);
         let home = track.points[0].position.xy();
@@ -71,7 +71,7 @@ impl Altitudes {
         }
         let is_hilly = ground.as_ref().is_some_and(Ground::is_hilly);
         let default = match autopilot {
-            Autopilot::Ardupilot if is_hilly => AltitudeReference::Terrain,
+            Some(Autopilot::Ardupilot) if is_hilly => AltitudeReference::Terrain,
             _ => AltitudeReference::Relative, // PX4 refuses missions in the frame of the terrain
         };
         let home_ground_m = home_ground_m.or_else(|| ground.as_ref().map(|ground| ground.lowest_m(&home)));

@@ -37,8 +37,8 @@ pub struct VehicleMotion {
     pub climb_mps: f64,
     /// Descent [m/s].
     pub descent_mps: f64,
-    /// Distance within which a waypoint without hold is passed [m].
-    pub radius_m: f64,
+    /// Distance within which a waypoint without hold is passed [m]; `None` if the vehicle stops at it.
+    pub radius_m: Option<f64>,
     /// From arming to the first metre of altitude [s].
     spool_s: f64,
     /// Pause above home before the landing, and after touching down [s].
@@ -62,7 +62,7 @@ const ARDUCOPTER: VehicleMotion = VehicleMotion {
     settling_s: 0.7,
     climb_mps: 2.5,
     descent_mps: 1.5,
-    radius_m: 2.0,
+    radius_m: Some(2.0),
     spool_s: 4.8,
     pause_s: 11.0,
     slow_m: 10.0,
@@ -79,21 +79,23 @@ const PX4: VehicleMotion = VehicleMotion {
     settling_s: 0.3,
     climb_mps: 1.5,
     descent_mps: 1.5,
-    radius_m: 2.0,
+    radius_m: Some(2.0),
     spool_s: 3.0,
     pause_s: 2.0,
     slow_m: 5.0,
     touch_down_mps: 0.7,
 };
 
+/// DJI's aircraft: a stop at each waypoint. The rest is assumed to be that of ArduCopter, without a limit of jerk.
+pub const DJI: VehicleMotion =
+    VehicleMotion { horizontal: RampLimits { acceleration_mps2: 2.5, jerk_mps3: None }, radius_m: None, ..ARDUCOPTER };
+
 impl Autopilot {
     /// The hold that it makes of `hold_s` [s], at least as long.
     pub fn hold_s(self, hold_s: f64) -> f64 {
         match self {
             Self::Px4 => hold_s,
-            Self::Ardupilot if hold_s <= 0.0 => 0.0,
-            // Up to a nanosecond, so that sums of slots are not rounded up.
-            Self::Ardupilot => (hold_s - 1e-9).ceil(),
+            Self::Ardupilot => whole_s(hold_s),
         }
     }
 
@@ -104,6 +106,11 @@ impl Autopilot {
             Self::Ardupilot => ARDUCOPTER,
         }
     }
+}
+
+/// A hold [s] rounded up to whole seconds; up to a nanosecond, so that sums of slots are not rounded up.
+pub fn whole_s(hold_s: f64) -> f64 {
+    (hold_s - 1e-9).ceil().max(0.0)
 }
 
 impl VehicleMotion {

@@ -1,5 +1,6 @@
 //! The flight as a table: one row per slot; row 0 is the start.
 
+use skysink_common::csv_cell::decimal;
 use skysink_mission::trace::RecordedSlot;
 
 use super::format::{ExportFormat, WriteFormat};
@@ -19,7 +20,7 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
         "slot,time_s,lat_deg,lon_deg,altitude_m,scheduled,delivered_bits,lost_bits,queued_bits,mode\n".to_owned();
     for point in &track.points {
         let place = point.place;
-        let [slot, time_s] = [point.slot.map_or(0, |slot| slot.slot) as f64, point.time_s];
+        let slot = point.slot.map_or(0, |slot| slot.slot);
         let figures = point.slot.map_or_else(
             || ",,,,".to_owned(), // the start has no results
             |slot| {
@@ -28,8 +29,8 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
                 format!("{served},{delivered_bits},{lost_bits},{queued_bits},{mode}")
             },
         );
-        let altitude_m = point.position.z;
-        text += &format!("{slot},{time_s},{},{},{altitude_m},{figures}\n", place.lat_deg, place.lon_deg);
+        let numbers = [point.time_s, place.lat_deg, place.lon_deg, point.position.z].map(decimal).join(",");
+        text += &format!("{slot},{numbers},{figures}\n");
     }
     text.into_bytes()
 }

@@ -3,8 +3,9 @@
 //! A leg takes the longer of its horizontal and its vertical movement, each from rest to rest. Legs through a waypoint
 //! without a hold overlap. A test compares four missions that ArduCopter 4.8 has flown in software.
 
-use nalgebra::{Point2, Point3, Vector2};
+use nalgebra::{Point3, Vector2};
 use skysink_common::battery::Battery;
+use skysink_common::geometry::Position;
 
 use super::autopilot::{RampLimits, VehicleMotion};
 
@@ -19,6 +20,15 @@ pub struct MissionLeg {
     pub hold_s: f64,
 }
 
+/// Where a vehicle is at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimedPosition {
+    /// Time since arming [s].
+    pub time_s: f64,
+    /// The place over ground [m].
+    pub at: Position,
+}
+
 /// What a mission takes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MissionEffort {
@@ -28,35 +38,71 @@ pub struct MissionEffort {
     pub energy_j: f64,
 }
 
+/// A movement of a mission, or a stay.
+struct Movement {
+    duration_s: f64,
+    /// Where it ends [m].
+    to: Position,
+    /// Horizontal distance [m].
+    distance_m: f64,
+    climb_m: f64,
+}
+
+/// Take-off at `home` to `altitude_m` [m], the legs, and the return and landing.
+fn movements(motion: &VehicleMotion, home: Position, altitude_m: f64, legs: &[MissionLeg]) -> Vec<Movement> {
+    let start = Point3::new(home.x, home.y, altitude_m);
+    let stay = |duration_s, to, climb_m| Movement { duration_s, to, distance_m: 0.0, climb_m };
+    let mut movements = vec![stay(motion.take_off_s(altitude_m), home, altitude_m)];
+    for (index, leg) in legs.iter().enumerate() {
+        let from = index.checked_sub(1).map_or(start, |before| legs[before].to);
+        let overlap_s = legs.get(index + 1).map_or(0.0, |next| corner_s(motion, &from, leg, next));
+        movements.push(Movement {
+            duration_s: leg_s(motion, &from, leg) - overlap_s,
+            to: leg.to.xy(),
+            distance_m: (leg.to - from).xy().norm(),
+            climb_m: leg.to.z - from.z,
+        });
+        movements.push(stay(leg.hold_s, leg.to.xy(), 0.0));
+    }
+    let last = legs.last().map_or(start, |leg| leg.to);
+    let fastest_mps = legs.iter().map(|leg| leg.speed_mps).fold(0.0, f64::max);
+    let back = MissionLeg { to: Point3::new(home.x, home.y, last.z), speed_mps: fastest_mps, hold_s: 0.0 };
+    movements.push(Movement {
+        duration_s: leg_s(motion, &last, &back),
+        to: home,
+        distance_m: (last.xy() - home).norm(),
+        climb_m: 0.0,
+    });
+    movements.push(stay(motion.landing_s(last.z), home, 0.0));
+    movements
+}
+
 /// What take-off at `home` to `altitude_m` [m], the legs, and the return and landing take. The energy is that of
 /// `battery`.
 pub fn effort(
     motion: &VehicleMotion,
-    home: Point2<f64>,
+    home: Position,
     altitude_m: f64,
     legs: &[MissionLeg],
     battery: Option<&Battery>,
 ) -> MissionEffort {
     let mut whole = MissionEffort::default();
-    let mut add = |duration_s: f64, distance_m: f64, climb_m: f64| {
+    for Movement { duration_s, distance_m, climb_m, .. } in movements(motion, home, altitude_m, legs) {
         whole.duration_s += duration_s;
         whole.energy_j += battery.map_or(0.0, |battery| battery.leg_j(duration_s, distance_m, climb_m));
-    };
-    let start = Point3::new(home.x, home.y, altitude_m);
-    add(motion.take_off_s(altitude_m), 0.0, altitude_m);
-    for (index, leg) in legs.iter().enumerate() {
-        let from = index.checked_sub(1).map_or(start, |before| legs[before].to);
-        let climb_m = leg.to.z - from.z;
-        let overlap_s = legs.get(index + 1).map_or(0.0, |next| corner_s(motion, &from, leg, next));
-        add(leg_s(motion, &from, leg) - overlap_s, (leg.to - from).xy().norm(), climb_m);
-        add(leg.hold_s, 0.0, 0.0);
     }
-    let last = legs.last().map_or(start, |leg| leg.to);
-    let fastest_mps = legs.iter().map(|leg| leg.speed_mps).fold(0.0, f64::max);
-    let back = MissionLeg { to: Point3::new(home.x, home.y, last.z), speed_mps: fastest_mps, hold_s: 0.0 };
-    add(leg_s(motion, &last, &back), (last.xy() - home).norm(), 0.0);
-    add(motion.landing_s(last.z), 0.0, 0.0);
     whole
+}
+
+/// When the vehicle is where, from arming at `home` to the end of the landing: between two times it moves on a straight
+/// line.
+pub fn timeline(motion: &VehicleMotion, home: Position, altitude_m: f64, legs: &[MissionLeg]) -> Vec<TimedPosition> {
+    let mut time_s = 0.0;
+    let moved = movements(motion, home, altitude_m, legs).into_iter().map(|movement| {
+        time_s += movement.duration_s;
+        TimedPosition { time_s, at: movement.to }
+    });
+    std::iter::once(TimedPosition { time_s: 0.0, at: home }).chain(moved).collect()
 }
 
 /// Time of a leg from rest to rest [s].
@@ -119,18 +165,17 @@ fn begun_m(ramp: &RampLimits, time_s: f64) -> f64 {
 }
 
 /// How long before the end of `leg` from `from` the `next` one begins [s]: a waypoint without hold is passed within
-/// [`VehicleMotion::radius_m`], while the vehicle still brakes. The legs overlap for at most half of each.
+/// [`VehicleMotion::radius_m`], while the vehicle still brakes. The legs overlap for at most half of each, and not at
+/// all for a vehicle that stops at each waypoint.
 ///
 /// In the middle of an overlap T each leg is `d(T/2)` from the waypoint ([`begun_m`]), in the directions −u and v of
 /// the legs: the vehicle passes at `|v − u| d(T/2)`.
 fn corner_s(motion: &VehicleMotion, from: &Point3<f64>, leg: &MissionLeg, next: &MissionLeg) -> f64 {
     let direction = |from: &Point3<f64>, to: &Point3<f64>| (to - from).xy().try_normalize(1e-9);
     let (Some(before), Some(after)) = (direction(from, &leg.to), direction(&leg.to, &next.to)) else { return 0.0 };
-    if leg.hold_s > 0.0 {
-        return 0.0;
-    }
+    let Some(radius_m) = motion.radius_m.filter(|_| leg.hold_s <= 0.0) else { return 0.0 };
     let turn: Vector2<f64> = after - before;
     let most_s =
         (leg_s(motion, from, leg) - motion.response_s).min(leg_s(motion, &leg.to, next) - motion.response_s) / 2.0;
-    largest(most_s.max(0.0), |overlap_s| turn.norm() * begun_m(&motion.horizontal, overlap_s / 2.0) <= motion.radius_m)
+    largest(most_s.max(0.0), |overlap_s| turn.norm() * begun_m(&motion.horizontal, overlap_s / 2.0) <= radius_m)
 }

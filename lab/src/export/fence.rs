@@ -1,7 +1,7 @@
 //! The geofence: the boundary of the area, or a wider one.
 
 use geo::algorithm::buffer::{Buffer, BufferStyle, LineJoin};
-use geo::{Contains, Distance, Euclidean, LineString, MultiPolygon, Point, Polygon};
+use geo::{LineString, MultiPolygon, Polygon};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Area;
 
@@ -45,13 +45,7 @@ fn widened(corners: Vec<Position>, margin_m: f64) -> Vec<Position> {
     corners.map(|corner| Position::new(corner.x(), corner.y())).collect()
 }
 
-fn polygon(corners: &[Position]) -> Polygon {
+/// The polygon with these corners [m].
+pub fn polygon(corners: &[Position]) -> Polygon {
     Polygon::new(corners.iter().map(|corner| (corner.x, corner.y)).collect::<LineString>(), vec![])
-}
-
-/// How many of the `positions` lie within `near_m` [m] of the fence with these corners, or outside of it.
-pub fn count_near(corners: &[Position], positions: impl Iterator<Item = Position>, near_m: f64) -> usize {
-    let fence = polygon(corners);
-    let is_inside = |at: &Point| fence.contains(at) && Euclidean.distance(at, fence.exterior()) >= near_m;
-    positions.filter(|at| !is_inside(&Point::new(at.x, at.y))).count()
 }

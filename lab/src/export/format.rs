@@ -1,7 +1,6 @@
 //! What an export format is.
 
 use skysink_common::geodata::projection::GeodeticPosition;
-use skysink_mission::replay::RecordedRun;
 
 use super::autopilot::Autopilot;
 use super::mission_options::VehicleMissionOptions;
@@ -26,17 +25,21 @@ pub struct ExportFormat {
 pub enum WriteFormat {
     /// The whole flight in one file.
     Flight(fn(&GeodeticTrack<'_>) -> Vec<u8>),
-    /// The slots in the frame of the area; needs no origin.
-    Slots(fn(&RecordedRun) -> Vec<u8>),
     /// A vehicle mission with one file per part.
-    Mission {
-        /// Writes a part.
-        write: fn(&ExportedMission<'_>, &MissionPart) -> Vec<u8>,
-        /// The autopilot that reads it, if it is always the same.
-        autopilot: Option<Autopilot>,
-        /// What the summary says if it has no geofence.
-        without_fence: Option<&'static str>,
-    },
+    Mission(MissionFormat),
+}
+
+/// A format of vehicle missions.
+#[derive(Debug)]
+pub struct MissionFormat {
+    /// Writes a part.
+    pub write: fn(&ExportedMission<'_>, &MissionPart) -> Vec<u8>,
+    /// The autopilot that reads it, if it is always the same.
+    pub autopilot: Option<Autopilot>,
+    /// What the summary says if it has no geofence.
+    pub without_fence: Option<&'static str>,
+    /// What the summary says about a mission in this format, or what the format does not hold, with the remedy.
+    pub check: fn(&VehicleMission, &VehicleMissionOptions) -> Result<Vec<String>, String>,
 }
 
 /// A vehicle mission to write, and what else a file may hold.

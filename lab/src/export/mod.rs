@@ -2,11 +2,14 @@
 //!
 //! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. `track`
 //! converts the flight to latitude and longitude, `vehicle` to a vehicle mission: with waypoints of `stops`,
-//! altitudes of `altitude` over the `ground`, and an estimate of its time by `duration`.
+//! altitudes of `altitude` over the `ground`, and an estimate of its time by `duration`. `missions` checks those of all
+//! UAVs, by the `clearance` of their legs and their `separation`.
 
 mod altitude;
 mod autopilot;
+mod clearance;
 mod csv;
+mod dji;
 mod duration;
 mod fence;
 mod format;
@@ -15,10 +18,11 @@ mod ground;
 mod items;
 mod mcap;
 mod mission_options;
-mod parquet;
+mod missions;
 mod qgc_plan;
 mod ros2;
 mod scene;
+mod separation;
 mod stops;
 mod summary;
 #[cfg(test)]
@@ -32,9 +36,10 @@ use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 use skysink_common::error::InputError;
+use skysink_common::file_locks::with_remedy;
 use skysink_common::scenario::{Origin, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
@@ -43,16 +48,16 @@ use skysink_mission::record::is_of_run;
 use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
-use autopilot::Autopilot;
+pub(crate) use altitude::AltitudeReference;
+pub(crate) use autopilot::Autopilot;
 pub use format::ExportFormat;
-use format::{ExportedMission, WriteFormat};
+use format::{MissionFormat, WriteFormat};
 use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
-use vehicle::MissionPart;
 
 /// All formats, in the order of the help.
 pub static FORMATS: [&ExportFormat; 6] =
-    [&qgc_plan::FORMAT, &waypoints::FORMAT, &geojson::FORMAT, &csv::FORMAT, &mcap::FORMAT, &parquet::FORMAT];
+    [&qgc_plan::FORMAT, &waypoints::FORMAT, &dji::FORMAT, &geojson::FORMAT, &csv::FORMAT, &mcap::FORMAT];
 
 /// The parameters of an export.
 #[derive(Debug, Args)]
@@ -66,6 +71,9 @@ pub struct Export {
     /// area.origin_lat_deg and area.origin_lon_deg.
     #[arg(long, value_name = "LAT,LON", allow_hyphen_values = true)]
     pub origin: Option<Origin>,
+    /// Which north the y axis points to; required by --origin, because that of a map grid is another one.
+    #[arg(long)]
+    pub north: Option<North>,
     /// Output file [default: RUN with the extension of the format].
     #[arg(long, value_name = "PATH")]
     pub out: Option<PathBuf>,
@@ -75,6 +83,13 @@ pub struct Export {
     /// The options of vehicle missions.
     #[command(flatten)]
     pub mission: VehicleMissionOptions,
+}
+
+/// Which north the y axis of an area points to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum North {
+    /// True north, that of the meridian. In UTM and national grids it is up to 5 degrees away.
+    True,
 }
 
 /// The result of an export.
@@ -105,7 +120,7 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let Rendered { summary, outputs } = render(export, &run, &out)?;
     let folder = Some(folder_of(&out)).filter(|folder| folder.is_dir()).and_then(|folder| File::open(folder).ok());
     // Two exports to one file do not mix their parts. The lock ends with the handle.
-    folder.as_ref().map_or(Ok(()), File::lock).at(&out)?;
+    folder.as_ref().map_or(Ok(()), File::lock).map_err(with_remedy).at(&out)?;
     let files: Vec<PathBuf> = outputs.iter().flat_map(|(out, texts)| part_names(out, texts.len())).collect();
     files.iter().try_for_each(|file| check_out(file, export))?;
     let other_parts = outputs.iter().flat_map(|(out, _)| parts_of(out)).filter(|part| !files.contains(part));
@@ -124,53 +139,36 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
 /// The content of the files of an export.
 fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, LabError> {
     let uavs = run.scenario.uav.uavs();
-    let track = |uav: usize| Ok::<_, LabError>(GeodeticTrack::new(run, uav, origin(&run.scenario, export.origin)?)?);
-    let has_mission = matches!(export.format.write, WriteFormat::Mission { .. });
-    if let Some(option) = export.mission.given().filter(|_| !has_mission) {
+    if let (Some(option), WriteFormat::Flight(_)) = (export.mission.given(), &export.format.write) {
         return Err(refuse_option(export, option, "has no vehicle mission").into());
     }
-    let files = if uavs == 1 { "1 file".to_owned() } else { format!("{uavs} files, one for each UAV") };
-    let counts =
-        |files: &str| format!("{} slots, {} sensor nodes → {files}", run.slots.len(), run.list.sensors().len());
-    let mut rendered = Rendered { summary: Vec::new(), outputs: Vec::new() };
-    match export.format.write {
-        WriteFormat::Slots(_) if export.origin.is_some() => {
-            return Err(refuse_option(export, "--origin", "has no coordinates").into());
-        }
-        WriteFormat::Slots(write) => {
-            rendered.summary.push(counts("1 file"));
-            rendered.outputs.push((out.to_owned(), vec![write(run)]));
-        }
+    let origin = origin(export, &run.scenario)?;
+    let tracks = (0..uavs).map(|uav| GeodeticTrack::new(run, uav, origin)).collect::<Result<Vec<_>, _>>()?;
+    let (mut summary, texts) = match &export.format.write {
         WriteFormat::Flight(write) => {
-            rendered.summary.push(counts(&files));
-            for uav in 0..uavs {
-                rendered.outputs.push((of_uav(out, export.format, uav, uavs), vec![write(&track(uav)?)]));
-            }
+            let files = if uavs == 1 { "1 file".to_owned() } else { format!("{uavs} files, one for each UAV") };
+            let [slots, sensors] = [run.slots.len(), run.list.sensors().len()];
+            let line = format!("{slots} slots, {sensors} sensor nodes → {files}");
+            (vec![line], tracks.iter().map(|track| vec![write(track)]).collect())
         }
-        WriteFormat::Mission { write, autopilot, without_fence } => {
-            let options = mission_options(export, autopilot, without_fence.is_none())?;
-            for uav in 0..uavs {
-                let (lines, texts) = render_mission(write, without_fence, &track(uav)?, &options)?;
-                let prefix = if uavs == 1 { String::new() } else { format!("UAV {uav}: ") };
-                rendered.summary.extend(lines.iter().map(|line| prefix.clone() + line));
-                rendered.outputs.push((of_uav(out, export.format, uav, uavs), texts));
-            }
+        WriteFormat::Mission(format) => {
+            let rendered = missions::render(format, &tracks, &mission_options(export, format)?)?;
+            (rendered.lines, rendered.texts)
         }
-    }
-    Ok(rendered)
+    };
+    summary.extend(export.north.map(|North::True| "y is taken for true north (--north true)".to_owned()));
+    let files = (0..uavs).map(|uav| of_uav(out, export.format, uav, uavs));
+    Ok(Rendered { summary, outputs: files.zip(texts).collect() })
 }
 
 /// The options of the mission for the format, which may be for one autopilot only, or without a geofence.
-fn mission_options(
-    export: &Export,
-    only: Option<Autopilot>,
-    has_fence: bool,
-) -> Result<VehicleMissionOptions, InputError> {
-    let options = VehicleMissionOptions { autopilot: export.mission.autopilot.or(only), ..export.mission.clone() };
-    if let Some(only) = only.filter(|only| *only != options.autopilot()) {
+fn mission_options(export: &Export, format: &MissionFormat) -> Result<VehicleMissionOptions, InputError> {
+    let autopilot = export.mission.autopilot.or(format.autopilot);
+    let options = VehicleMissionOptions { autopilot, ..export.mission.clone() };
+    if let Some(only) = format.autopilot.filter(|only| *only != options.autopilot()) {
         return Err(refuse_option(export, "--autopilot", &format!("is a format of {only}")));
     }
-    if options.fence_margin > 0.0 && !has_fence {
+    if options.fence_margin > 0.0 && format.without_fence.is_some() {
         return Err(refuse_option(export, "--fence-margin", "has no geofence"));
     }
     Ok(options)
@@ -181,34 +179,22 @@ fn refuse_option(export: &Export, option: &str, why: &str) -> InputError {
     InputError::new("run folder", &export.run, message)
 }
 
-/// The lines about the mission of a UAV, and the content of its files.
-fn render_mission(
-    write: fn(&ExportedMission<'_>, &MissionPart) -> Vec<u8>,
-    without_fence: Option<&'static str>,
-    track: &GeodeticTrack<'_>,
-    options: &VehicleMissionOptions,
-) -> Result<(Vec<String>, Vec<Vec<u8>>), LabError> {
-    let mission = vehicle::plan(track, options)?;
-    let corners = fence::border(&track.run.scenario.area, options.fence_margin);
-    let mut lines = summary::lines(track, options, &mission);
-    lines.extend(without_fence.map(str::to_owned));
-    let warnings = warnings::of(track, &mission, without_fence.is_none().then_some(&corners[..]));
-    lines.extend(warnings.into_iter().map(|text| format!("warning: {text}")));
-    let fence = corners.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
-    let exported = ExportedMission { track, mission: &mission, options, fence };
-    Ok((lines, mission.parts.iter().map(|part| write(&exported, part)).collect()))
-}
-
-/// The origin of the scenario, or the `given` one if the scenario has none.
-fn origin(scenario: &Scenario, given: Option<Origin>) -> Result<Origin, InputError> {
+/// The origin of the scenario, or the given one if the scenario has none.
+fn origin(export: &Export, scenario: &Scenario) -> Result<Origin, InputError> {
     let refuse = |message| Err(InputError::new("scenario", &scenario.path, message));
-    match (scenario.area.origin(), given) {
-        (Some(origin), None) | (None, Some(origin)) => Ok(origin),
-        (None, None) => refuse(
-            "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON, the south-west corner of the area \
-             [°]",
+    match (scenario.area.origin(), export.origin, export.north) {
+        (Some(origin), None, None) | (None, Some(origin), Some(North::True)) => Ok(origin),
+        (Some(_), _, _) => {
+            refuse("it sets area.origin_lat_deg, area.origin_lon_deg, and its y is true north: omit --origin, --north")
+        }
+        (None, Some(_), None) => refuse(
+            "--origin: expected --north true beside it, if y is true north; the y of UTM and national grids is not, by \
+             up to 5 degrees: for those give skysink new the list in degrees, or with its --crs",
         ),
-        (Some(_), Some(_)) => refuse("it sets area.origin_lat_deg and area.origin_lon_deg: omit --origin"),
+        (None, None, _) => refuse(
+            "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON, the south-west corner of the area \
+             [°], and --north true if y is true north",
+        ),
     }
 }
 
@@ -282,10 +268,17 @@ fn check_out(file: &Path, export: &Export) -> Result<(), InputError> {
     }
 }
 
+/// The format that the Python package writes.
+const PARQUET: &str = "parquet";
+
 /// Parses the name of a format.
 fn format_parser() -> impl TypedValueParser<Value = &'static ExportFormat> {
-    PossibleValuesParser::new(FORMATS.map(|format| PossibleValue::new(format.name).help(format.about)))
-        .map(|name| FORMATS.into_iter().find(|format| format.name == name).expect("one of the possible values"))
+    let names = FORMATS.map(|format| PossibleValue::new(format.name).help(format.about));
+    let names = names.into_iter().chain([PossibleValue::new(PARQUET).hide(true)]);
+    let find = |name: String| FORMATS.into_iter().find(|format| format.name == name);
+    PossibleValuesParser::new(names).try_map(move |name| {
+        find(name).ok_or("Python writes it: skysink.parquet(RUN), after pip install './python[frames]'")
+    })
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::altitude::AltitudeReference;
-use super::format::{ExportFormat, ExportedMission, WriteFormat};
+use super::format::{ExportFormat, ExportedMission, MissionFormat, WriteFormat};
 use super::items::VehicleItem;
 use super::vehicle::MissionPart;
 
@@ -16,7 +16,12 @@ pub static FORMAT: ExportFormat = ExportFormat {
     name: "qgc-plan",
     about: "QGroundControl plan: a vehicle's mission, with area and zones as geofence",
     extension: "plan",
-    write: WriteFormat::Mission { write, autopilot: None, without_fence: None },
+    write: WriteFormat::Mission(MissionFormat {
+        write,
+        autopilot: None,
+        without_fence: None,
+        check: |_, options| options.check_no_dji().map(|()| Vec::new()),
+    }),
 };
 
 fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {

@@ -2,19 +2,30 @@
 
 use super::altitude::AltitudeReference;
 use super::autopilot::Autopilot;
+use super::clearance::{LegClearance, MissionClearance};
 use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
 use super::stops::VehicleStop;
 use super::track::GeodeticTrack;
 use super::vehicle::{MissionPart, VehicleMission};
 
-/// A line for each fact: what was merged and what omitted, home and altitudes, the time of each part, and the altitude
-/// of a return.
-pub fn lines(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &VehicleMission) -> Vec<String> {
+/// A line for each fact: what was merged and what omitted, home and altitudes, how near legs come to obstacles, the
+/// time of each part, and the altitude of a return.
+pub fn lines(
+    track: &GeodeticTrack<'_>,
+    options: &VehicleMissionOptions,
+    mission: &VehicleMission,
+    clearance: &MissionClearance,
+) -> Vec<String> {
     let omitted = (options.min_bits > 0).then(|| omitted(mission));
-    let lines =
-        [Some(counts(track, mission)), omitted, Some(home(track, mission)), Some(times(track, options, mission))];
-    lines.into_iter().flatten().chain(return_altitude(options.autopilot(), mission)).collect()
+    let lines = [
+        Some(counts(track, mission)),
+        omitted,
+        Some(home(track, mission)),
+        Some(distances(clearance)),
+        Some(times(track, options, mission)),
+    ];
+    lines.into_iter().flatten().chain(return_altitude(options, mission)).collect()
 }
 
 fn counts(track: &GeodeticTrack<'_>, VehicleMission { parts, stops, .. }: &VehicleMission) -> String {
@@ -69,6 +80,23 @@ fn home(track: &GeodeticTrack<'_>, mission: &VehicleMission) -> String {
     format!("home {} {} (latitude, longitude), waypoints {range} above {above}", home.lat_deg, home.lon_deg)
 }
 
+fn distances(clearance: &MissionClearance) -> String {
+    let MissionClearance { legs, ground, zones, buildings, fence, .. } = clearance;
+    let obstacles = [
+        (Some(ground), "the ground"),
+        (zones.as_ref(), "a zone"),
+        (buildings.as_ref(), "a building"),
+        (fence.as_ref(), "the geofence"),
+    ];
+    let distance = |(clearance, what): (Option<&LegClearance>, &str)| {
+        let least_m = clearance?.least_m;
+        let side = if least_m < 0.0 { "outside of" } else { "to" };
+        Some(format!("{:.1} m {side} {what}", least_m.abs()))
+    };
+    let distances: Vec<String> = obstacles.into_iter().filter_map(distance).collect();
+    format!("least distance of {legs} leg{}: {}", plural(*legs), distances.join(", "))
+}
+
 fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &VehicleMission) -> String {
     let time = |part: &MissionPart| format!("{:.0} s", part.effort.duration_s);
     let times = mission.parts.iter().map(time).collect::<Vec<_>>().join(" + ");
@@ -83,11 +111,12 @@ fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &V
 }
 
 /// The altitude of a return over hills, and how high the mission leads; `None` if the list does not tell the ground.
-fn return_altitude(autopilot: Autopilot, mission: &VehicleMission) -> Option<String> {
+fn return_altitude(options: &VehicleMissionOptions, mission: &VehicleMission) -> Option<String> {
     let return_m = mission.return_m?.ceil();
     let highest_m = mission.parts.iter().filter_map(|part| part.highest_m).reduce(f64::max);
     let high = highest_m.map_or(String::new(), |highest_m| format!("up to {highest_m:.0} m above the ground; "));
-    let parameter = match autopilot {
+    let parameter = match options.autopilot() {
+        _ if options.drone.is_some() => "the file has it as globalRTHHeight".to_owned(),
         Autopilot::Px4 => format!("RTL_RETURN_ALT = {return_m}"),
         // ArduCopter counts in metres since 4.7, in centimetres before.
         Autopilot::Ardupilot => format!("RTL_ALT_M = {return_m}, before ArduCopter 4.7 RTL_ALT = {}", 100.0 * return_m),

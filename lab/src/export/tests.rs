@@ -1,6 +1,10 @@
-//! Tests of vehicle missions; over hills in `hills`, of logs in `logs`.
+//! Tests of vehicle missions; over hills in `hills`, of logs in `logs`, of legs in `legs`, of fleets in `fleets`, of
+//! DJI's format in `dji`.
 
+mod dji;
+mod fleets;
 mod hills;
+mod legs;
 mod logs;
 
 use std::path::Path;
@@ -17,6 +21,7 @@ use skysink_mission::trace::RecordedSlot;
 
 use super::altitude::AltitudeReference;
 use super::autopilot::{Autopilot, RampLimits};
+use super::clearance::MissionClearance;
 use super::duration::{MissionLeg, effort};
 use super::ground::Ground;
 use super::items::VehicleItem;
@@ -78,7 +83,20 @@ fn mission(run: &RecordedRun, options: &VehicleMissionOptions) -> VehicleMission
 }
 
 fn lines(run: &RecordedRun, options: &VehicleMissionOptions) -> Vec<String> {
-    summary::lines(&track(run), options, &mission(run, options))
+    let mission = mission(run, options);
+    summary::lines(&track(run), options, &mission, &clearance(run, &mission, None))
+}
+
+/// How near legs come to obstacles, and to the boundary with this `fence_margin_m` [m], if there is one.
+fn clearance(run: &RecordedRun, mission: &VehicleMission, fence_margin_m: Option<f64>) -> MissionClearance {
+    let fence = fence_margin_m.map(|margin_m| fence::border(&run.scenario.area, margin_m));
+    MissionClearance::of(&track(run), mission, fence.as_deref(), 2.0)
+}
+
+/// The warnings about a mission, with a geofence that is so far outside of the area [m], if there is one.
+fn warned(run: &RecordedRun, mission: &VehicleMission, fence_margin_m: Option<f64>) -> String {
+    let corners = fence_margin_m.map(|margin_m| fence::border(&run.scenario.area, margin_m).len());
+    warnings::of(&track(run), mission, &clearance(run, mission, fence_margin_m), corners).join("\n")
 }
 
 fn refusal(run: &RecordedRun, options: &VehicleMissionOptions) -> String {
@@ -133,7 +151,7 @@ fn a_stay_on_the_ground_is_no_hold_at_the_end_and_said_before() {
         run.slots[2..4].iter_mut().for_each(|slot| slot[UAV].mode = Mode::Charge);
         let mission = mission(&run, &forever());
         let holds: Vec<f64> = waypoints(&mission.parts[0].items).iter().map(|(_, _, hold_s)| *hold_s).collect();
-        (holds, warnings::of(&track(&run), &mission, None).concat(), lines(&run, &forever()).concat())
+        (holds, warned(&run, &mission, None), lines(&run, &forever()).concat())
     };
     let (holds, warned, said) = with_stay(&[]);
     assert!(
@@ -392,28 +410,6 @@ fn a_climb_at_the_start_sets_no_speed() {
     let mission = mission(&run, &VehicleMissionOptions { min_bits: 1, ..forever() });
     assert_eq!(speeds(&mission.parts[0].items), [10.0, 30.0]);
     assert!(mission.parts[0].effort.duration_s < 120.0, "{:?}", mission.parts[0].effort);
-}
-
-/// A passage of 10 m between two walls at 40 m, the start at the west of it, and slots along the boundary and the
-/// walls.
-#[test]
-fn what_may_be_wrong_with_a_mission_is_said() {
-    let zone = "[[area.no_fly]]\npolygon_m = [[40.0, 3.0], [60.0, 3.0], [60.0, 99.0], [40.0, 99.0]]\n";
-    let mut run = run_in(zone, "x_m,y_m\n1,1\n", &[(20.0, Some(1)); 5]);
-    for (slot, y_m) in run.slots.iter_mut().zip([5.0, 2.0, 1.5, 5.0, 5.0]) {
-        slot[UAV].position.y = y_m;
-    }
-    let track = track(&run);
-    let mission = mission(&run, &VehicleMissionOptions { most_items: Some(8), ..forever() });
-    let near = |margin_m: f64| {
-        let fence = fence::border(&run.scenario.area, margin_m);
-        warnings::of(&track, &mission, Some(&fence)).join("\n")
-    };
-    let said = near(0.0);
-    assert!(said.contains("1 of 5 slots end outside of the geofence or within 2 m of it"), "{said}");
-    assert!(said.contains("2 of 5 slots end within 2 m of a zone"), "{said}");
-    assert!(said.contains("parts: the vehicle lands between them"), "{said}");
-    assert!(!near(1.0).contains("geofence"), "{}", near(1.0));
 }
 
 /// An L whose inner corner is at (60, 60).

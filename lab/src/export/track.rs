@@ -63,6 +63,8 @@ pub struct GeodeticTrack<'a> {
 /// A no-fly zone or a building.
 #[derive(Debug)]
 pub struct GeodeticZone {
+    /// Its outline in the frame of the area.
+    pub outline: Polygon,
     /// Its corners, counter-clockwise, without the first one again at the end.
     pub corners: Vec<GeodeticPosition>,
     /// Height of the building [m]; `None` for a no-fly zone.
@@ -162,9 +164,9 @@ fn zones(
     let buildings = scenario.area.building.iter().flatten();
     let zones = no_fly.chain(buildings.map(|building| (&building.polygon_m[..], Some(building.height_m))));
     let zone = |(corners, height_m): (&[[f64; 2]], Option<f64>)| {
-        let polygon = Polygon::of(corners, false).expect("the zones of a run are checked");
-        let corners = polygon.corners().iter().map(&place).collect::<Result<_, _>>()?;
-        Ok(GeodeticZone { corners, height_m, is_tall: height_m.is_none_or(|height_m| height_m > lowest_m) })
+        let outline = Polygon::of(corners, false).expect("the zones of a run are checked");
+        let corners = outline.corners().iter().map(&place).collect::<Result<_, _>>()?;
+        Ok(GeodeticZone { outline, corners, height_m, is_tall: height_m.is_none_or(|height_m| height_m > lowest_m) })
     };
     zones.map(zone).collect()
 }

@@ -11,7 +11,8 @@ use skysink_common::battery::Battery;
 use skysink_common::error::InputError;
 
 use super::altitude::{AltitudeReference, Altitudes};
-use super::duration::{MissionEffort, MissionLeg, effort};
+use super::clearance::Leg;
+use super::duration::{MissionEffort, MissionLeg, TimedPosition, effort, timeline};
 use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
 use super::stops::{self, MERGE_M, VehicleStop, rounded};
@@ -49,11 +50,23 @@ pub struct VehicleMission {
 pub struct MissionPart {
     /// Its items, without home.
     pub items: Vec<VehicleItem>,
+    /// Home at the altitude of the take-off and the waypoints [m]; z is the altitude above the ground below, as the
+    /// model flies.
+    pub path: Vec<Point3<f64>>,
     /// The time and energy that it takes.
     pub effort: MissionEffort,
+    /// When the vehicle is where, by that estimate.
+    pub timeline: Vec<TimedPosition>,
     /// How high above the ground a waypoint can be [m]; `None` if altitudes are above the ground, or the list does not
     /// tell it.
     pub highest_m: Option<f64>,
+}
+
+impl MissionPart {
+    /// The legs from home through all waypoints.
+    pub fn legs(&self) -> impl Iterator<Item = Leg> {
+        self.path.array_windows().copied()
+    }
 }
 
 /// The vehicle mission of a track. Each part takes off, flies around zones to its first waypoint and home from its last
@@ -64,7 +77,7 @@ pub struct MissionPart {
 /// takes longer or more energy than the UAV has.
 pub fn plan(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<VehicleMission, InputError> {
     let scenario = &track.run.scenario;
-    let altitudes = Altitudes::of(track, options.altitude, options.home_ground, options.autopilot())?;
+    let altitudes = Altitudes::of(track, options.altitude, options.home_ground, options.autopilot)?;
     let planner = MissionPlanner { track, options, altitudes, airspace: scenario.airspace() };
     let flown = stops::merge(track);
     let stops = stops::with_bits(&flown, options.min_bits, planner.home(), &planner.airspace);
@@ -201,7 +214,7 @@ impl MissionPlanner<'_> {
         for (waypoint, &altitude_m) in waypoints.iter().zip(altitudes_m) {
             let at = waypoint.position.xy();
             items.extend(self.new_speed(&mut set_mps, waypoint).map(|speed_mps| VehicleItem::Speed { speed_mps }));
-            let hold_s = self.options.autopilot().hold_s(waypoint.hold_s);
+            let hold_s = self.options.hold_s(waypoint.hold_s);
             items.push(VehicleItem::Waypoint { place: self.track.place(&at)?, altitude_m, hold_s });
             let to = Point3::new(at.x, at.y, self.altitudes.above_home_m(altitude_m));
             legs.push(MissionLeg { to, speed_mps: set_mps.unwrap_or(self.max_speed_mps()), hold_s });
@@ -209,10 +222,14 @@ impl MissionPlanner<'_> {
         items.push(VehicleItem::Return);
         let motion = self.options.motion(&self.track.run.scenario);
         let battery = Battery::of(&self.track.run.scenario);
-        let effort = effort(&motion, self.home().xy(), take_off_m, &legs, battery.as_ref());
+        let home = self.home();
+        let effort = effort(&motion, home.xy(), take_off_m, &legs, battery.as_ref());
+        let timeline = timeline(&motion, home.xy(), take_off_m, &legs);
         let above_ground_m = positions.iter().zip(altitudes_m);
         let above_ground_m = above_ground_m.filter_map(|(at, &up_m)| self.altitudes.above_ground_m(&at.xy(), up_m));
-        Ok(MissionPart { items, effort, highest_m: above_ground_m.reduce(f64::max) })
+        let highest_m = above_ground_m.reduce(f64::max);
+        let path = std::iter::once(home).chain(positions).collect();
+        Ok(MissionPart { items, path, effort, timeline, highest_m })
     }
 }
 

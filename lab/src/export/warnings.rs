@@ -1,27 +1,28 @@
 //! Warnings about missions that are probably unintended.
 
-use skysink_common::geometry::Position;
 use skysink_common::scenario::{Overrides, Scenario};
 
 use super::altitude::AltitudeReference;
-use super::fence;
-use super::track::{GeodeticTrack, TrackPoint};
+use super::clearance::{LegClearance, MissionClearance};
+use super::track::GeodeticTrack;
 use super::vehicle::VehicleMission;
-
-/// Distance from the geofence or a zone within which a vehicle may breach it [m].
-const NEAR_M: f64 = 2.0;
 
 /// Altitude above the ground up to which many countries let UAVs fly without a permission [m].
 const PERMITTED_M: f64 = 120.0;
 
-/// Corners of a geofence that most vehicles take.
+/// Corners of a geofence, all its polygons together, that most vehicles take.
 const MAX_CORNERS: usize = 60;
 
-/// The warnings about the mission of a track, with the corners of its `fence` if it has one.
-pub fn of(track: &GeodeticTrack<'_>, mission: &VehicleMission, fence: Option<&[Position]>) -> Vec<String> {
+/// The warnings about the mission of a track with this clearance, and a geofence of `corners` if it has one.
+pub fn of(
+    track: &GeodeticTrack<'_>,
+    mission: &VehicleMission,
+    clearance: &MissionClearance,
+    corners: Option<usize>,
+) -> Vec<String> {
     let mut warnings = Vec::from_iter(paper_values(&track.run.scenario));
-    warnings.extend(fence.and_then(|fence| near_fence(track, fence)));
-    warnings.extend(near_zones(track));
+    warnings.extend(near_home(clearance));
+    warnings.extend(near_legs(clearance));
     warnings.extend(high(mission));
     let charging = track.flown().iter().filter(|point| point.is_on_ground()).count();
     if charging > 0 {
@@ -30,16 +31,7 @@ pub fn of(track: &GeodeticTrack<'_>, mission: &VehicleMission, fence: Option<&[P
             "hovers for {charging_s:.0} s in which the plan charges on the ground: land there yourself, and go on when it has charged"
         ));
     }
-    let uavs = track.run.scenario.uav.uavs();
-    if uavs > 1 {
-        warnings.push(format!(
-            "{uavs} missions that do not know of each other, and are not in time with the plan: keep them apart yourself"
-        ));
-    }
-    let corners = fence.map_or(0, <[_]>::len);
-    if corners > MAX_CORNERS {
-        warnings.push(format!("a geofence of {corners} corners: many vehicles take {MAX_CORNERS}"));
-    }
+    warnings.extend(corners.and_then(|corners| many_corners(track, corners)));
     let parts = mission.parts.len();
     if parts > 1 {
         warnings.push(format!("{parts} parts: the vehicle lands between them, while the sensor nodes go on sampling"));
@@ -47,14 +39,45 @@ pub fn of(track: &GeodeticTrack<'_>, mission: &VehicleMission, fence: Option<&[P
     warnings
 }
 
-/// Slots that end near the geofence, or outside of it.
-fn near_fence(track: &GeodeticTrack<'_>, fence: &[Position]) -> Option<String> {
-    let ends = &track.points[1..];
-    let near = fence::count_near(fence, ends.iter().map(|point| point.position.xy()), NEAR_M);
-    let of = ends.len();
-    (near > 0).then(|| {
+/// A home on the geofence or near it, or outside.
+fn near_home(clearance: &MissionClearance) -> Option<String> {
+    let margin_m = clearance.margin_m;
+    let home_m = clearance.home_m.filter(|home_m| clearance.is_near(*home_m))?;
+    let place = if home_m < 0.0 { "outside of the geofence" } else { "from the geofence" };
+    let away_m = home_m.abs();
+    Some(format!(
+        "home is {away_m:.1} m {place}, expected {margin_m} m inside: vehicles do not arm there, or breach it as they \
+         take off: widen it with --fence-margin"
+    ))
+}
+
+/// Legs that come near to the geofence, a zone, a building or the ground.
+fn near_legs(clearance: &MissionClearance) -> impl Iterator<Item = String> {
+    let MissionClearance { legs, margin_m, ground, zones, buildings, fence, .. } = clearance.clone();
+    let obstacles = [
+        (fence, "lead out of the geofence or pass", "it", "widen it with --fence-margin"),
+        (zones, "pass", "a zone", "the model may touch zones: draw them as much larger as your vehicle needs"),
+        (buildings, "pass", "a building", "draw it larger and higher, or fly higher"),
+        (Some(ground), "pass", "the ground", "fly higher"),
+    ];
+    let near = obstacles.into_iter().filter_map(|(clearance, pass, what, remedy)| {
+        Some((clearance.filter(|clearance| clearance.near > 0)?, pass, what, remedy))
+    });
+    near.map(move |(LegClearance { least_m, near }, pass, what, remedy)| {
+        let least_m = least_m.max(0.0);
+        format!("{near} of {legs} legs {pass} within {margin_m} m of {what}, {least_m:.1} m at least: {remedy}")
+    })
+}
+
+/// A geofence of more corners than many vehicles store, which count those of all polygons.
+fn many_corners(track: &GeodeticTrack<'_>, of_border: usize) -> Option<String> {
+    let zones = track.zones.iter().filter(|zone| zone.is_tall).map(|zone| zone.corners.len());
+    let [polygons, corners] = [1 + zones.clone().count(), of_border + zones.sum::<usize>()];
+    let of = if polygons == 1 { "1 polygon".to_owned() } else { format!("{polygons} polygons") };
+    (corners > MAX_CORNERS).then(|| {
         format!(
-            "{near} of {of} slots end outside of the geofence or within {NEAR_M} m of it: widen it with --fence-margin"
+            "a geofence of {corners} corners in {of}: many vehicles take {MAX_CORNERS} in all, and refuse the upload \
+             or drop the fence: draw boundary, zones and buildings with fewer"
         )
     })
 }
@@ -67,28 +90,9 @@ fn high(mission: &VehicleMission) -> Option<String> {
     let remedy = match mission.reference {
         AltitudeReference::Terrain => "",
         _ if over_hills_m.is_none() => "",
-        _ => ": give --home-ground, or fly --altitude terrain",
+        _ => ": give --home-ground, or fly --altitude terrain with an autopilot that has it",
     };
     Some(format!("waypoints up to {highest_m:.0} m above the ground, more than {PERMITTED_M} m{remedy}"))
-}
-
-/// Slots that end near a zone.
-fn near_zones(track: &GeodeticTrack<'_>) -> Option<String> {
-    let airspace = track.run.scenario.airspace_without_ways();
-    let is_near = |point: &&TrackPoint<'_>| {
-        let at = point.position.xy();
-        let mut zones = airspace.zones_above(point.position.z).filter(|zone| !zone.is_border());
-        zones.any(|zone| (zone.nearest(&at) - at).norm() < NEAR_M)
-    };
-    let ends = &track.points[1..];
-    let near = ends.iter().filter(is_near).count();
-    let of = ends.len();
-    (near > 0).then(|| {
-        format!(
-            "{near} of {of} slots end within {NEAR_M} m of a zone, which the model may touch: draw zones as much larger as your \
-             vehicle needs"
-        )
-    })
 }
 
 /// Whether the vehicle or the radio are those of the paper, over a field that is not.

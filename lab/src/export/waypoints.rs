@@ -4,21 +4,34 @@
 
 use super::altitude::AltitudeReference;
 use super::autopilot::Autopilot;
-use super::format::{ExportFormat, ExportedMission, WriteFormat};
+use super::format::{ExportFormat, ExportedMission, MissionFormat, WriteFormat};
 use super::items::{MavlinkItem, VehicleItem};
-use super::vehicle::MissionPart;
+use super::mission_options::VehicleMissionOptions;
+use super::vehicle::{MissionPart, VehicleMission};
 
 /// The same mission, for ArduPilot; the format has no geofence.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "waypoints",
     about: "QGC WPL 110, for Mission Planner and MAVProxy: a vehicle's mission, no geofence",
     extension: "waypoints",
-    write: WriteFormat::Mission {
+    write: WriteFormat::Mission(MissionFormat {
         write,
         autopilot: Some(Autopilot::Ardupilot),
         without_fence: Some("no geofence: QGC WPL does not support it; use qgc-plan"),
-    },
+        check,
+    }),
 };
+
+/// Warns of altitudes above the ground: in this format QGroundControl takes every frame but 3 as above sea level.
+fn check(mission: &VehicleMission, options: &VehicleMissionOptions) -> Result<Vec<String>, String> {
+    options.check_no_dji()?;
+    let frame = AltitudeReference::Terrain as u8;
+    let warning = format!(
+        "warning: frame {frame}, above the ground below: QGroundControl reads it from this format as above sea level; \
+         open the file with Mission Planner or MAVProxy, or use qgc-plan, or --altitude relative"
+    );
+    Ok(if mission.reference == AltitudeReference::Terrain { vec![warning] } else { Vec::new() })
+}
 
 fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {
     let place = exported.track.points[0].place;

@@ -3,8 +3,9 @@
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::{line_of, quoted};
-use skysink_common::geodata::{NAME, plausible};
+use skysink_common::geodata::{EarthSystem, FOOT_M, NAME, ReferenceSystem, SourceText, plausible};
 
+use super::ground::{self, GROUND, GROUND_FT};
 use super::imported::{Frame, IDS, Imported, ImportedSensor, OTHERS, plain};
 
 /// The names of the columns with coordinates in lower case: first the name in a sensor list, then its aliases. Those of
@@ -17,8 +18,9 @@ pub const COORDINATES: [&[&str]; 4] = [
 ];
 
 /// The units that a header may name, by the ends of the names in a sensor list.
-const UNITS: [(&str, &[&str]); 5] = [
+const UNITS: [(&str, &[&str]); 6] = [
     ("_m", &["m", "metre", "metres", "meter", "meters"]),
+    ("_ft", &["ft", "feet", "foot", "ftus", "us-ft"]),
     ("_deg", &["deg", "°", "degree", "degrees", "decimal degrees", "dd", "wgs84"]),
     ("_bps", &["bit/s", "bits/s", "bps"]),
     ("_bits", &["bit", "bits"]),
@@ -28,8 +30,10 @@ const UNITS: [(&str, &[&str]); 5] = [
 /// Columns of the flight that `skysink export` and runs write.
 const SLOTS: [&str; 2] = ["slot", "scheduled"];
 
-/// Reads the text of a file.
-pub fn read(text: &str) -> Result<Imported, String> {
+/// Reads the text of a file, with positions in metres, in degrees, or in the system of the source.
+pub fn read(source: &SourceText<'_>) -> Result<Imported, String> {
+    let text = source.text;
+    let on_earth = source.system.and_then(ReferenceSystem::on_earth);
     let (line, declared) = match text.lines().next().and_then(|line| line.trim().strip_prefix("sep=")) {
         Some(separator) => (1, separator.bytes().next()),
         None => (0, None),
@@ -43,7 +47,7 @@ pub fn read(text: &str) -> Result<Imported, String> {
     let mut reader =
         ReaderBuilder::new().trim(Trim::All).delimiter(separator).flexible(true).from_reader(body.as_bytes());
     let header = reader.headers().map_err(|error| error.to_string())?.clone();
-    let table = Columns::of(&header, separator).map_err(|message| format!("line {}: {message}", line + 1))?;
+    let table = Columns::of(&header, separator, on_earth).map_err(|message| format!("line {}: {message}", line + 1))?;
     let mut sensors = Vec::new();
     let mut decimal: Option<(char, String)> = None;
     for row in reader.records() {
@@ -63,7 +67,8 @@ pub fn read(text: &str) -> Result<Imported, String> {
         sensors.push(sensor);
     }
     let positions: Vec<[f64; 2]> = sensors.iter().map(|sensor| sensor.position).collect();
-    if table.frame == Frame::Plane && plausible::are_degrees(&positions) {
+    let are_lengths = table.frame == Frame::Plane && on_earth.is_none();
+    if are_lengths && plausible::are_degrees(&positions) {
         let [x, y] = table.position.each_ref().map(|(name, _)| quoted(name));
         return Err(format!(
             "columns {x} and {y}: {} sensor nodes within a metre, as if their degrees were metres: expected metres, or \
@@ -71,12 +76,9 @@ pub fn read(text: &str) -> Result<Imported, String> {
             positions.len()
         ));
     }
-    Ok(Imported {
-        frame: table.frame,
-        sensors,
-        others: table.others.iter().map(|(name, _)| *name).collect(),
-        ignored: table.ignored,
-    })
+    let others = table.others.iter().map(|(name, _)| *name).collect();
+    let imported = Imported { frame: table.frame, sensors, others, ignored: table.ignored, system: None };
+    imported.without_partial_ground().through(source.system)
 }
 
 /// The indices of the columns in a file.
@@ -84,6 +86,8 @@ struct Columns {
     frame: Frame,
     position: [(String, usize); 2],
     others: Vec<(&'static str, usize)>,
+    /// Whether the altitudes of the ground are in feet.
+    has_feet: bool,
     ignored: Vec<String>,
     /// Whether numbers may have decimal commas.
     has_commas: bool,
@@ -104,8 +108,21 @@ fn is_in(name: &str, unit: &str) -> bool {
     UNITS.iter().any(|(end, units)| name.ends_with(end) && units.contains(&unit))
 }
 
+/// The `own` name of a column of a sensor list, with the unit of its values in the file, where it is called `name`:
+/// positions are in the unit of their system.
+fn with_unit<'a>(own: &'a str, name: &str, unit: Option<&String>, on_earth: Option<&EarthSystem>) -> &'a str {
+    let has_feet = on_earth.is_some_and(|system| (system.unit_m() - FOOT_M).abs() < 1e-4);
+    match own {
+        "x_m" if has_feet => "x_ft",
+        "y_m" if has_feet => "y_ft",
+        GROUND if name == GROUND_FT => GROUND_FT,
+        GROUND if name != GROUND && unit.is_some_and(|unit| is_in(GROUND_FT, unit)) => GROUND_FT,
+        own => own,
+    }
+}
+
 impl Columns {
-    fn of(header: &StringRecord, separator: u8) -> Result<Self, String> {
+    fn of(header: &StringRecord, separator: u8, on_earth: Option<&EarthSystem>) -> Result<Self, String> {
         if SLOTS.iter().all(|name| header.iter().any(|column| column == *name)) {
             let expected = "a row for each sensor node (a run has a sensor list, sensors.csv)";
             return Err(format!("columns slot and scheduled, of a flight: expected {expected}"));
@@ -113,6 +130,7 @@ impl Columns {
         let columns = [&COORDINATES[..], &OTHERS].concat();
         let mut places = vec![None; columns.len()];
         let mut ignored = Vec::new();
+        let mut has_feet = false;
         let is_called = |names: &[&str], header: &str| names.contains(&name_and_unit(header).0.as_str());
         let names = columns.iter().find(|names| names[0] == NAME).expect("it is one of the others");
         let has_names = header.iter().any(|header| is_called(names, header));
@@ -127,10 +145,13 @@ impl Columns {
                 _ => found,
             };
             let Some(column) = found else {
-                ignored.extend((!header.is_empty()).then(|| format!("column {}", quoted(header))));
+                let heights = format!("; {}", ground::REMEDY);
+                let heights = if ground::is_height(name) { &heights } else { "" };
+                ignored.extend((!header.is_empty()).then(|| format!("column {}{heights}", quoted(header))));
                 continue;
             };
-            let own = columns[column][0];
+            let own = with_unit(columns[column][0], name, unit.as_ref(), on_earth);
+            has_feet |= own == GROUND_FT;
             if unit.is_some_and(|unit| !is_in(own, &unit)) {
                 let expected = UNITS.iter().find(|(end, _)| own.ends_with(end)).map_or("none", |(_, units)| units[0]);
                 return Err(format!("column `{}`: its unit: expected {expected}, of {own}", quoted(header)));
@@ -155,7 +176,8 @@ impl Columns {
         };
         let others = columns.iter().zip(places).skip(COORDINATES.len());
         let others = others.filter_map(|(names, place)| Some((names[0], place?))).collect();
-        Ok(Self { frame, position: [named(first), named(second)], others, ignored, has_commas: separator != b',' })
+        let position = [named(first), named(second)];
+        Ok(Self { frame, position, others, has_feet, ignored, has_commas: separator != b',' })
     }
 
     /// Parses a row at the location `place`.
@@ -165,6 +187,10 @@ impl Columns {
         self.frame.check(position)?;
         let other = |&(name, place): &(&str, usize)| match name {
             NAME => Ok(row.get(place).unwrap_or_default().to_owned()),
+            GROUND if ground::is_missing(row.get(place).unwrap_or_default()) => Ok(String::new()),
+            GROUND if self.has_feet => {
+                self.number(row, &(name.to_owned(), place)).map(|value| ground::in_metres(&value.to_string()))
+            }
             _ => self.number(row, &(name.to_owned(), place)).map(|value| value.to_string()),
         };
         let others = self.others.iter().map(other).collect::<Result<_, _>>()?;
@@ -208,6 +234,10 @@ impl Columns {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn read(text: &str) -> Result<Imported, String> {
+        super::read(&SourceText { text, ..SourceText::default() })
+    }
 
     #[test]
     fn columns_are_found_by_name_in_any_order() {
@@ -297,6 +327,26 @@ mod tests {
         assert!(refused("x;y\n1,5;2.5\n").starts_with("line 2: y = 2.5: has a point"), "in one row");
         let names = read("x;y;name\n1,5;2,5;a. b\n3;4;c, d\n").unwrap();
         assert_eq!(names.sensors.len(), 2, "names are no numbers");
+    }
+
+    #[test]
+    fn altitudes_of_the_ground_are_in_metres_or_feet_and_of_all_or_none() {
+        let list = |text: &str| {
+            let imported = read(text).unwrap();
+            (imported.ground_m(), imported.ignored)
+        };
+        assert_eq!(list("x,y,ground\n1,2,300\n"), (vec![300.0], vec![]));
+        for header in ["ground_ft", "ground_ft [ft]", "Ground (feet)", "ground [ft]"] {
+            assert_eq!(list(&format!("x,y,{header}\n1,2,1000\n")), (vec![304.8], vec![]), "{header}");
+        }
+        let refused = read("x,y,ground_m [ft]\n1,2,300\n").unwrap_err();
+        assert_eq!(refused, "line 1: column `ground_m [ft]`: its unit: expected m, of ground_m");
+        for missing in ["", "NaN", "NA"] {
+            let reason = "ground_m of all sensor nodes (line 3 has no number)".to_owned();
+            assert_eq!(list(&format!("x,y,ground_m\n1,2,300\n3,4,{missing}\n")), (vec![], vec![reason]), "{missing}");
+        }
+        let (ground_m, ignored) = list("x,y,alt\n1,2,0\n3,4,388\n");
+        assert!(ground_m.is_empty() && ignored[0].starts_with("column alt; altitudes of the ground"), "{ignored:?}");
     }
 
     #[test]

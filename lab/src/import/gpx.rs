@@ -2,16 +2,16 @@
 
 use skysink_common::error::quoted;
 use skysink_common::geodata::xml::{self, XmlElement};
-use skysink_common::geodata::{FoundPoint, FoundPoints, IgnoredItem, NAME, check_geodetic};
+use skysink_common::geodata::{FoundPoint, FoundPoints, IgnoredItem, NAME, SourceText, check_geodetic};
 
 use super::imported::Imported;
 
 /// Elements of a file that are no waypoints, and what they are called.
 const OTHERS: [(&str, &str); 2] = [("trk", "track"), ("rte", "route")];
 
-/// Reads the text of a file.
-pub fn read(text: &str) -> Result<Imported, String> {
-    let file = xml::parse(text, "GPX", &["gpx"])?;
+/// Reads the text of a file, whose positions are in degrees of WGS84.
+pub fn read(source: &SourceText<'_>) -> Result<Imported, String> {
+    let file = xml::parse(source.text, "GPX", &["gpx"])?;
     let mut found = FoundPoints::default();
     for child in &file.children {
         if child.name == "wpt" {
@@ -44,6 +44,10 @@ fn waypoint(waypoint: &XmlElement) -> Result<FoundPoint, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn read(text: &str) -> Result<Imported, String> {
+        super::read(&SourceText { text, ..SourceText::default() })
+    }
 
     const FILE: &str = "<?xml version=\"1.0\"?><gpx version=\"1.1\" creator=\"a\" \
                         xmlns=\"http://www.topografix.com/GPX/1/1\"><wpt lat=\"51.5\" lon=\"-0.1\"><name>a</name></wpt>\
@@ -85,8 +89,9 @@ mod tests {
             let imported = read(&file).unwrap_or_else(|message| panic!("{file}: {message}"));
             assert_eq!(imported.to_csv([0.0; 2]), "lat_deg,lon_deg,name\n51.5,-0.1,a\n", "{file}");
         }
-        let high = read(&with("<ele> 466 </ele>")).unwrap().to_csv([0.0; 2]);
-        assert_eq!(high, "lat_deg,lon_deg,ground_m,name\n51.5,-0.1,466,a\n");
+        let high = read(&with("<ele> 466 </ele>")).unwrap();
+        assert_eq!(high.to_csv([0.0; 2]), "lat_deg,lon_deg,name\n51.5,-0.1,a\n");
+        assert!(high.ignored[0].starts_with("heights of 1 of 1 points"), "{:?}", high.ignored);
     }
 
     #[test]

@@ -1,8 +1,10 @@
 //! The sensor nodes that were found in a file, in the frame of the file.
 
 use skysink_common::error::quoted;
-use skysink_common::geodata::{FoundPoint, FoundPoints, IgnoredItem, KIND, NAME, check_geodetic};
+use skysink_common::geodata::{FoundPoint, FoundPoints, IgnoredItem, KIND, NAME, ReferenceSystem, check_geodetic};
 use skysink_common::sensors::check_name;
+
+use super::ground::{self, GROUND, GROUND_FT};
 
 /// Longitudes are equal modulo this angle [°].
 const FULL_CIRCLE_DEG: f64 = 360.0;
@@ -57,6 +59,8 @@ pub struct Imported {
     pub others: Vec<&'static str>,
     /// Descriptions of ignored content.
     pub ignored: Vec<String>,
+    /// The system that the positions were converted from; `None` if they are as in the file.
+    pub system: Option<ReferenceSystem>,
 }
 
 /// The further columns of a sensor list, each followed by its aliases in imported files, in lower
@@ -67,15 +71,12 @@ pub const OTHERS: [&[&str]; 7] = [
     &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
     &["capacity_bits", "buffer_bits", "buffer_size", "buffer"],
     &["weight", "priority"],
-    &[GROUND, "ground", "elevation_m", "elevation", "ele", "altitude_m", "altitude", "alt"],
+    &[GROUND, "ground", GROUND_FT],
     &[NAME, "label"],
 ];
 
 /// Columns, in lower case, with underscores, that name the sensor nodes of a file without names.
 pub const IDS: [&str; 6] = ["id", "sensor_id", "sensorid", "node_id", "nodeid", "node"];
-
-/// The column of the ground's altitudes, which points of three coordinates have, too.
-pub const GROUND: &str = "ground_m";
 
 /// A name in lower case, with underscores instead of spaces and hyphens.
 pub fn plain(name: &str) -> String {
@@ -104,10 +105,12 @@ fn property(point: &FoundPoint, names: &[&str]) -> Option<usize> {
 
 /// The value of the property of `point` at an index, without a line break.
 fn value(point: &FoundPoint, index: usize) -> String {
-    point.properties[index].1.split_whitespace().collect::<Vec<_>>().join(" ")
+    let (name, value) = &point.properties[index];
+    let value = value.split_whitespace().collect::<Vec<_>>().join(" ");
+    if plain(name) == GROUND_FT { ground::in_metres(&value) } else { value }
 }
 
-fn is_number(value: &str) -> bool {
+pub fn is_number(value: &str) -> bool {
     value.parse().is_ok_and(f64::is_finite)
 }
 
@@ -117,22 +120,18 @@ fn is_own_node(point: &FoundPoint) -> bool {
 }
 
 impl Imported {
-    /// Sensor nodes with latitude and longitude [°], and the properties that a sensor list has columns for.
-    /// The third coordinate of points is the ground's altitude, unless all are 0. If some are of the kind `sensor node`,
+    /// Sensor nodes with latitude and longitude [°], and the properties that a sensor list has columns for. The heights
+    /// of points are not taken: no format says that they are those of the ground. If some are of the kind `sensor node`,
     /// as in files of `skysink export`, the others are ignored.
     pub fn geodetic(mut found: FoundPoints) -> Result<Self, String> {
         let polygons: Vec<IgnoredItem> = found.ignored_polygons().collect();
         found.ignored.extend(polygons);
-        let FoundPoints { mut points, mut ignored, .. } = found;
+        let FoundPoints { mut points, mut ignored, system, .. } = found;
         // Of what `skysink export` writes, only some points are sensor nodes.
         if points.iter().any(is_own_node) {
             let others = points.extract_if(.., |point| !is_own_node(point));
             ignored.extend(others.map(|_| IgnoredItem { kind: "point that is no sensor node", name: None }));
             points.iter_mut().for_each(|point| point.properties.retain(|(name, _)| name != KIND && name != "id"));
-        }
-        let has_ground = points.iter().any(|point| point.altitude_m.is_some_and(|altitude_m| altitude_m != 0.0));
-        for point in points.iter_mut().filter(|_| has_ground) {
-            point.properties.extend(point.altitude_m.map(|altitude_m| (GROUND.to_owned(), altitude_m.to_string())));
         }
         let place = |index: usize| format!("point {}", index + 1);
         let mut sensors = Vec::with_capacity(points.len());
@@ -142,7 +141,7 @@ impl Imported {
         }
         let mut others = Vec::new();
         let mut unread: Vec<Vec<bool>> = points.iter().map(|point| vec![true; point.properties.len()]).collect();
-        let mut reasons = Vec::new();
+        let mut reasons: Vec<String> = ground::ignored_heights(&points).into_iter().collect();
         for names in OTHERS {
             let column = names[0];
             let mut found: Vec<Option<usize>> = points.iter().map(|point| property(point, names)).collect();
@@ -162,7 +161,8 @@ impl Imported {
                     check_name(name).map_err(|message| format!("{}: {message}", place(index)))?;
                 }
             } else if let Some(index) = values.iter().position(|value| !is_number(value)) {
-                let is_measured = found.iter().all(Option::is_some) && values.iter().any(|value| is_number(value));
+                let has_value = |value: &String| !(value.is_empty() || column == GROUND && ground::is_missing(value));
+                let is_measured = values.iter().all(has_value) && values.iter().any(|value| is_number(value));
                 if is_measured {
                     let value = quoted(&values[index]);
                     return Err(format!("{}: {column} = {value}: expected a number, as others have", place(index)));
@@ -191,7 +191,7 @@ impl Imported {
         names.truncate(MOST_NAMED);
         let properties = (!names.is_empty()).then(|| format!("properties {}{more}", names.join(", ")));
         let ignored = [items, properties].into_iter().flatten().chain(reasons).collect();
-        Ok(Self { frame: Frame::Geodetic, sensors, others, ignored })
+        Ok(Self { frame: Frame::Geodetic, sensors, others, ignored, system })
     }
 
     /// The sensor list (CSV) of Skysink with all positions translated by `shift` [m or °].
@@ -255,24 +255,6 @@ mod tests {
     }
 
     #[test]
-    fn the_third_coordinate_is_the_altitude_of_the_ground() {
-        let at = |altitude_m, properties: &[(&str, &str)]| FoundPoint { altitude_m, ..point([1.0, 2.0], properties) };
-        let list = |points: &[FoundPoint]| {
-            let imported = imported(points).unwrap();
-            (imported.to_csv([0.0; 2]), imported.ignored)
-        };
-        let bare = || "lat_deg,lon_deg\n1,2\n1,2\n".to_owned();
-        let both = list(&[at(Some(12.5), &[]), at(Some(0.0), &[])]);
-        assert_eq!(both, ("lat_deg,lon_deg,ground_m\n1,2,12.5\n1,2,0\n".to_owned(), vec![]));
-        assert_eq!(list(&[at(Some(0.0), &[]), at(None, &[])]), (bare(), vec![]), "a height that nobody measured");
-        let missing = "ground_m of all points (point 2 has no number)".to_owned();
-        let part = list(&[at(Some(12.5), &[]), at(None, &[])]);
-        assert_eq!(part, (bare(), vec!["properties ground_m".to_owned(), missing]));
-        let named = list(&[at(Some(9.0), &[("Elevation", "3")]), at(None, &[("alt", "4")])]);
-        assert_eq!(named.0, "lat_deg,lon_deg,ground_m\n1,2,9\n1,2,4\n", "its own name comes first");
-    }
-
-    #[test]
     fn an_invalid_missing_or_repeated_property_is_listed_as_ignored() {
         let list = |points: &[&[(&str, &str)]]| {
             let points: Vec<FoundPoint> = points.iter().map(|properties| point([1.0, 2.0], properties)).collect();
@@ -306,7 +288,8 @@ mod tests {
         let place = "line 2".to_owned();
         let sensor = ImportedSensor { place, position: [1.5, -2.0], others: vec!["50".to_owned()] };
         let others = vec!["sampling_bps"];
-        let mut imported = Imported { frame: Frame::Plane, sensors: vec![sensor], others, ignored: Vec::new() };
+        let sensors = vec![sensor];
+        let mut imported = Imported { frame: Frame::Plane, sensors, others, ignored: Vec::new(), system: None };
         assert_eq!(imported.to_csv([0.0, 2.0]), "x_m,y_m,sampling_bps\n1.5,0,50\n");
         imported.frame = Frame::Geodetic;
         assert!(imported.to_csv([0.0; 2]).starts_with("lat_deg,lon_deg,"));

@@ -217,6 +217,19 @@ impl FlownSweep {
         Ok(Self { definition, builds, rows })
     }
 
+    /// Reads the folder `path` of a sweep whose results are written.
+    ///
+    /// # Errors
+    /// As [`FlownSweep::read`], and if it has no results.
+    pub fn read_results(what: &'static str, path: &Path) -> Result<Self, LabError> {
+        let sweep = Self::read(what, path)?;
+        if path.join(results::MISSIONS).is_file() {
+            return Ok(sweep);
+        }
+        let message = format_args!("it has no {}: run the {what} to its end", results::MISSIONS);
+        Err(InputError::new(what, path, message).into())
+    }
+
     /// A metric of the missions of a point and a strategy, by seed; NaN if a mission has no value.
     pub fn values(&self, point: usize, strategy: usize, metric: Metric) -> BTreeMap<u64, f64> {
         missions_of(&self.rows, point, strategy).map(|row| (row.key.seed, row[metric])).collect()

@@ -36,8 +36,8 @@ pub(crate) static LAYOUT: FolderLayout = FolderLayout {
 /// The files of the definition, beside sources in Python.
 pub(crate) const SAVED: [&str; 9] = [SCENARIO, SENSORS, TRACE, HARVEST, CHANNEL, ARRAYS, RATES, TRACK, SWEEP];
 
-/// The files that are written when all missions are flown.
-pub(crate) const RESULTS: [&str; 4] = ["results.csv", "results.parquet", "summary.csv", "timings.csv"];
+/// The files that are written when all missions are flown, and the one that the Python package makes of them.
+pub(crate) const RESULTS: [&str; 4] = ["results.csv", "summary.csv", "timings.csv", "results.parquet"];
 
 /// The content of `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -18,6 +18,7 @@ use super::saved::external;
 use super::settings::SweepChanges;
 use super::shard::Shard;
 use crate::error::LabError;
+use crate::unflown::UnflownFlights;
 use skysink_mission::metrics::Metric;
 
 /// The parameters of a merge.
@@ -43,6 +44,8 @@ pub struct Merged {
     pub missing: Option<String>,
     /// Commit, compiler and target of each program that flew a shard.
     pub builds: Vec<String>,
+    /// The flights whose plans were not flown as they were decided.
+    pub unflown: Vec<UnflownFlights>,
 }
 
 /// Merges the shards of a sweep.
@@ -79,13 +82,14 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
     if let (false, Some(missing)) = (partial, &missing) {
         return Err(InputError::new("sweep folder", out, format_args!("{missing}, or pass --partial")).into());
     }
-    let files = match shards.iter().find(|shard| shard.join(SCENARIO).exists()) {
+    let (files, unflown) = match shards.iter().find(|shard| shard.join(SCENARIO).exists()) {
         Some(shard) => {
             let models = found.definition.models.clone();
             let changes = SweepChanges { models, ..SweepChanges::default() };
-            Sweep::read(shard, external(shard, &found.definition)?, changes)?.files()?
+            let sweep = Sweep::read(shard, external(shard, &found.definition)?, changes)?;
+            (sweep.files()?, UnflownFlights::of_sweep(&sweep, &found.rows)?)
         }
-        None => Vec::new(), // all were killed before they wrote it
+        None => (Vec::new(), Vec::new()), // all were killed before they wrote it
     };
     let Shards { definition, builds, rows, .. } = found;
     let mut record =
@@ -94,7 +98,7 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         stop.check()?;
         record.add(row)?;
     }
-    Ok(Merged { journal: record.write(stop)?, missing, builds })
+    Ok(Merged { journal: record.write(stop)?, missing, builds, unflown })
 }
 
 /// The missions in the shards of a sweep.

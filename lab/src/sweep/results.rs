@@ -1,11 +1,10 @@
 //! The result files of a sweep: one row per mission, a summary with confidence intervals, and the timings.
 
 use std::collections::BTreeMap;
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::Path;
-use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
+use skysink_common::csv_cell::decimal;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{write_unfinished, write_whole};
@@ -15,12 +14,14 @@ use strum::VariantArray;
 use super::definition::{Definition, MissionKey};
 use super::journal::{MissionRow, MissionRows, SweepJournal, missions_of};
 use crate::error::LabError;
-use crate::parquet_file::{ROWS_PER_GROUP, batch, begin};
 use crate::statistics::{Concentration, MeanInterval};
 use skysink_mission::metrics::Metric;
 
 /// The name of the minimum loss over all strategies, per field, in the summary.
 pub const BEST_KNOWN: &str = "best-known";
+
+/// File name of the results by mission.
+pub const MISSIONS: &str = "results.csv";
 
 /// Writes all files into `folder`. Equal missions give equal bytes, except for the timings.
 ///
@@ -28,98 +29,42 @@ pub const BEST_KNOWN: &str = "best-known";
 /// If a file cannot be written, or on a stop.
 pub fn write(folder: &Path, journal: &SweepJournal, stop: &Stop) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
-    let tables = [("results.csv", &results[..]), ("timings.csv", &timings)];
-    write_missions(folder, journal, tables, ROWS_PER_GROUP, stop)?;
+    write_missions(&folder.join(MISSIONS), journal, &results, stop)?;
+    write_missions(&folder.join("timings.csv"), journal, &timings, stop)?;
     Ok(write_whole(&folder.join("summary.csv"), &summary_csv(&journal.definition, &journal.rows, &results, stop)?)?)
 }
 
-/// Writes the files with one row per mission, `part` rows at a time: two tables with these metrics, and the Parquet
-/// file.
-fn write_missions(
-    folder: &Path,
-    journal: &SweepJournal,
-    tables: [(&str, &[Metric]); 2],
-    part: usize,
-    stop: &Stop,
-) -> Result<(), LabError> {
+/// Writes a file with one row per mission and these metrics.
+fn write_missions(path: &Path, journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Result<(), LabError> {
     let definition = &journal.definition;
-    let path = folder.join("results.parquet");
-    let begun = BufWriter::new(write_unfinished(&path, b"").at(&path)?);
-    let mut parquet = begin(begun, &batch(mission_columns(definition, &[]))).at(&path)?;
-    let mut csvs = Vec::new();
-    for (name, metrics) in tables {
-        let path = folder.join(name);
-        let mut csv = csv::Writer::from_writer(write_unfinished(&path, b"").at(&path)?);
-        let names = ["strategy", "seed"].into_iter().chain(metrics.iter().map(|metric| metric.name()));
-        csv.write_record(definition.keys.iter().map(String::as_str).chain(names)).map_err(io::Error::from).at(&path)?;
-        csvs.push((path, csv, metrics));
-    }
-    let mut rows = journal.rows.values().copied();
-    loop {
+    let mut csv = csv::Writer::from_writer(write_unfinished(path, b"").at(path)?);
+    let names = ["strategy", "seed"].into_iter().chain(metrics.iter().map(|metric| metric.name()));
+    csv.write_record(definition.keys.iter().map(String::as_str).chain(names)).map_err(io::Error::from).at(path)?;
+    for row in journal.rows.values() {
         stop.check()?;
-        let read: Vec<MissionRow> = rows.by_ref().take(part).collect();
-        for (path, csv, metrics) in &mut csvs {
-            let mut lines = read.iter().map(|row| mission_line(definition, row, metrics));
-            lines.try_for_each(|line| csv.write_record(line)).map_err(io::Error::from).at(path)?;
-        }
-        parquet.write(&batch(mission_columns(definition, &read))).map_err(io::Error::other).at(&path)?;
-        if read.len() < part {
-            break;
-        }
+        csv.write_record(mission_line(definition, row, metrics)).map_err(io::Error::from).at(path)?;
     }
-    for (path, csv, _) in csvs {
-        let file = csv.into_inner().map_err(|error| error.into_error()).at(&path)?;
-        file.persist(&path).map_err(io::Error::from).at(&path)?;
-    }
-    let file = parquet.into_inner().map_err(io::Error::other).and_then(|file| Ok(file.into_inner()?)).at(&path)?;
-    file.persist(&path).map_err(io::Error::from).at(&path)?;
+    let file = csv.into_inner().map_err(|error| error.into_error()).at(path)?;
+    file.persist(path).map_err(io::Error::from).at(path)?;
     Ok(())
 }
 
-/// The row of a mission: swept keys, strategy, seed, metrics (empty for NaN). Floats can be parsed back exactly.
+/// The row of a mission: swept keys, strategy, seed, metrics (empty for NaN). Floats can be parsed back exactly, and
+/// have a point.
 fn mission_line(definition: &Definition, row: &MissionRow, metrics: &[Metric]) -> Vec<String> {
-    let number = |metric: &Metric| Some(row[*metric]).filter(|value| !value.is_nan());
-    let numbers = metrics.iter().map(|metric| number(metric).map_or_else(String::new, |value| value.to_string()));
+    let number = |metric: &Metric| match row[*metric] {
+        value if value.is_nan() => String::new(),
+        value if metric.is_count() => value.to_string(),
+        value => decimal(value),
+    };
     let strategy_and_seed = [definition.strategies[row.key.strategy].clone(), row.key.seed.to_string()];
-    definition.points[row.key.point].iter().map(text).chain(strategy_and_seed).chain(numbers).collect()
+    point_cells(definition, row.key.point).chain(strategy_and_seed).chain(metrics.iter().map(number)).collect()
 }
 
-/// The typed columns of `results.parquet`, with one row per mission.
-///
-/// # Panics
-/// If a row does not belong to the sweep.
-#[must_use]
-pub fn mission_columns<'a>(definition: &'a Definition, rows: &[MissionRow]) -> Vec<(&'a str, ArrayRef)> {
-    let mut columns: Vec<(&str, ArrayRef)> = Vec::new();
-    for (place, key) in definition.keys.iter().enumerate() {
-        columns.push((key, swept(definition, rows, place)));
-    }
-    let strategies = rows.iter().map(|row| &definition.strategies[row.key.strategy]);
-    columns.push(("strategy", Arc::new(StringArray::from_iter_values(strategies))));
-    columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.iter().map(|row| row.key.seed)))));
-    for metric in Metric::all().filter(|metric| !metric.is_timing()) {
-        let values = rows.iter().map(|row| row[metric]);
-        let column: ArrayRef = if metric.is_count() {
-            Arc::new(UInt64Array::from_iter_values(values.map(|count| count as u64)))
-        } else {
-            Arc::new(values.map(|value| Some(value).filter(|value| !value.is_nan())).collect::<Float64Array>())
-        };
-        columns.push((metric.name(), column));
-    }
-    columns
-}
-
-/// The column of a swept key: integers, floats or text, depending on all its values in the sweep.
-fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef {
-    let all = || definition.points.iter().map(|point| &point[place]);
-    let values = || rows.iter().map(|row| &definition.points[row.key.point][place]);
-    if all().all(|value| value.is_integer()) {
-        return Arc::new(values().map(toml::Value::as_integer).collect::<Int64Array>());
-    }
-    match all().all(|value| number(value).is_some()) {
-        true => Arc::new(values().map(number).collect::<Float64Array>()),
-        false => Arc::new(StringArray::from_iter_values(values().map(text))),
-    }
+/// The values of the swept keys at a point, as in its rows.
+fn point_cells(definition: &Definition, point: usize) -> impl Iterator<Item = String> {
+    let values = definition.points[point].iter().enumerate();
+    values.map(|(axis, value)| AxisType::of(definition, axis).cell(value))
 }
 
 /// The summary, with one row per point, strategy and metric: mean, standard deviation and confidence interval over the
@@ -134,9 +79,9 @@ fn summary_csv(
     let line = |point: usize, strategy: &str, metric: Metric, interval: MeanInterval| {
         let MeanInterval { n, mean, deviation, limits } = interval;
         let figures = [Some(mean), deviation, limits.map(|[low, _]| low), limits.map(|[_, high]| high)];
-        let figures = figures.map(|figure| figure.map_or_else(String::new, |value| value.to_string()));
+        let figures = figures.map(|figure| figure.map_or_else(String::new, decimal));
         let words = [strategy.to_owned(), metric.name().to_owned(), n.to_string()];
-        definition.points[point].iter().map(text).chain(words).chain(figures).collect::<Vec<_>>()
+        point_cells(definition, point).chain(words).chain(figures).collect::<Vec<_>>()
     };
     let mut lines = Vec::new();
     for point in 0..definition.points.len() {
@@ -215,13 +160,53 @@ pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<us
     points
 }
 
+/// The type of a swept key's column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AxisType {
+    /// All values are whole numbers.
+    Whole,
+    /// All values are numbers.
+    Real,
+    /// Some are not.
+    Text,
+}
+
+impl AxisType {
+    /// The type of the column of the key number `axis`, by all its values in the sweep.
+    #[must_use]
+    pub fn of(definition: &Definition, axis: usize) -> Self {
+        Self::of_values(definition.points.iter().map(|point| &point[axis]))
+    }
+
+    /// The type of a column with these values.
+    pub(crate) fn of_values<'a>(values: impl Iterator<Item = &'a toml::Value> + Clone) -> Self {
+        if values.clone().all(toml::Value::is_integer) {
+            Self::Whole
+        } else if values.clone().all(|value| number(value).is_some()) {
+            Self::Real
+        } else {
+            Self::Text
+        }
+    }
+
+    /// A value of the column, as in a CSV table.
+    pub(crate) fn cell(self, value: &toml::Value) -> String {
+        match number(value) {
+            Some(value) if self == Self::Real => decimal(value),
+            _ => text(value),
+        }
+    }
+}
+
 /// A swept value as a number, if it is one.
-pub(crate) fn number(value: &toml::Value) -> Option<f64> {
+#[must_use]
+pub fn number(value: &toml::Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
 /// A swept value as text: as in the sweep file, but strings without quotes.
-pub(crate) fn text(value: &toml::Value) -> String {
+#[must_use]
+pub fn text(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),
         toml::Value::Float(float) => float.to_string(),
@@ -234,38 +219,54 @@ mod tests {
     use super::*;
     use strum::EnumCount;
 
-    /// The files of a sweep with these seeds, written `part` rows at a time.
-    fn written(seeds: u64, part: usize) -> [Vec<u8>; 2] {
-        let folder = tempfile::tempdir().unwrap();
+    /// A journal in `folder` of a sweep over this axis with a mission per value, each with these metrics.
+    fn journal(folder: &Path, axis: Vec<toml::Value>, value: f64) -> SweepJournal {
         let definition = Definition {
             identity: "a".to_owned(),
             grid: "b".to_owned(),
             version: "1".to_owned(),
-            keys: vec!["slots".to_owned()],
-            points: vec![vec![60.into()]],
+            keys: vec!["key".to_owned()],
+            points: axis.into_iter().map(|value| vec![value]).collect(),
             strategies: vec!["uts".to_owned()],
             sources: BTreeMap::new(),
             models: Vec::new(),
-            seeds: (0..seeds).collect(),
+            seeds: vec![7],
         };
-        let mut journal = SweepJournal::open(&folder.path().join("journal.csv"), &definition).unwrap();
-        for seed in 0..seeds {
-            let row = MissionRow { key: MissionKey { point: 0, strategy: 0, seed }, values: [0.5; Metric::COUNT] };
-            journal.add(&row).unwrap();
+        let mut journal = SweepJournal::open(&folder.join("journal.csv"), &definition).unwrap();
+        for point in 0..definition.points.len() {
+            let key = MissionKey { point, strategy: 0, seed: 7 };
+            journal.add(&MissionRow { key, values: [value; Metric::COUNT] }).unwrap();
         }
-        let metrics = [Metric::LossRate];
-        let tables = [("results.csv", &metrics[..]), ("timings.csv", &metrics)];
-        write_missions(folder.path(), &journal, tables, part, &Stop::default()).unwrap();
-        ["results.csv", "results.parquet"].map(|name| std::fs::read(folder.path().join(name)).unwrap())
+        journal
     }
 
     #[test]
-    fn all_rows_are_written_for_any_part_size() {
-        for seeds in 0..5 {
-            let [csv, _] = written(seeds, 2);
-            let rows: String = (0..seeds).map(|seed| format!("60,uts,{seed},0.5\n")).collect();
-            assert_eq!(String::from_utf8(csv).unwrap(), format!("slots,strategy,seed,loss_rate\n{rows}"));
+    fn every_mission_has_a_row() {
+        let folder = tempfile::tempdir().unwrap();
+        for count in 0..5 {
+            let axis = (0..count).map(|value| toml::Value::from(i64::from(value))).collect();
+            let path = folder.path().join(format!("{count}.csv"));
+            let place = tempfile::tempdir().unwrap();
+            write_missions(&path, &journal(place.path(), axis, 0.5), &[Metric::LossRate], &Stop::default()).unwrap();
+            let rows: String = (0..count).map(|value| format!("{value},uts,7,0.5\n")).collect();
+            assert_eq!(std::fs::read_to_string(path).unwrap(), format!("key,strategy,seed,loss_rate\n{rows}"));
         }
-        assert_eq!(written(4, 2), written(4, 2));
+    }
+
+    #[test]
+    fn a_real_number_has_a_point_and_a_count_has_none() {
+        let cells = |axis: Vec<toml::Value>, value: f64| -> Vec<String> {
+            let folder = tempfile::tempdir().unwrap();
+            let journal = journal(folder.path(), axis, value);
+            let metrics = [Metric::LossRate, Metric::DeliveredBits, Metric::Dead];
+            journal.rows.values().map(|row| mission_line(&journal.definition, row, &metrics).join(" ")).collect()
+        };
+        assert_eq!(cells(vec![20.into(), 30.into()], 3.0), ["20 uts 7 3.0 3 3.0", "30 uts 7 3.0 3 3.0"]);
+        assert_eq!(cells(vec![20.into(), 30.5.into()], 0.0), ["20.0 uts 7 0.0 0 0.0", "30.5 uts 7 0.0 0 0.0"]);
+        assert_eq!(cells(vec![20.into(), "inf".into()], f64::NAN), ["20 uts 7   ", "inf uts 7   "]);
+        assert_eq!(
+            cells(vec![5e3.into(), f64::INFINITY.into()], 3.0),
+            ["5000.0 uts 7 3.0 3 3.0", "inf uts 7 3.0 3 3.0"]
+        );
     }
 }

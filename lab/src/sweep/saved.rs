@@ -8,6 +8,7 @@ use skysink_common::channel::RateTable;
 use skysink_common::error::InputError;
 use skysink_common::keys::dotted;
 use skysink_common::scenario::{CHANNEL, HARVEST, Overrides, RATES, Scenario, TRACE};
+use skysink_common::terminal::shell_path;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::read_regular;
 use skysink_mission::origin::{SourceFile, is_source};
@@ -43,7 +44,7 @@ pub(crate) fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<(Swee
     if read_regular(&path.join(SWEEP)).is_ok_and(|text| text != sweep_file(&definition).as_bytes()) {
         let message = format!(
             "its {SWEEP} was modified: delete it to repeat the sweep, or fly another one: skysink sweep {} --out DIR",
-            path.join(SWEEP).display()
+            shell_path(&path.join(SWEEP))
         );
         return Err(refuse(message).into());
     }

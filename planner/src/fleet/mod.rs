@@ -2,6 +2,7 @@
 //!
 //! A strategy sees one UAV. With one UAV, its planner plans as if this were not here.
 
+mod finite;
 mod partition;
 
 use std::sync::Arc;

@@ -144,9 +144,9 @@ fn the_feasible_part_of_any_plan_is_flown_and_the_rest_is_counted() {
     let summary = place.summary("run");
     assert_eq!(summary["refused"], refused);
     assert_eq!((&summary["refused_messages"], &summary["complete"]), (&0.into(), &true.into()));
-    let waypoints = said(&ended.stderr, "waypoint not finite, out of reach, or outside the area");
-    assert_eq!(waypoints.len(), 2, "the first and the tenth: {ended:?}");
-    assert!(waypoints[1].ends_with("(10 so far)"), "{waypoints:?}");
+    for waypoints in ["waypoint with NaN or infinity", "waypoint out of reach, or outside the area"] {
+        assert!(!said(&ended.stderr, waypoints).is_empty(), "{waypoints}: {ended:?}");
+    }
     assert!(!said(&ended.stderr, "SN out of range").is_empty(), "{ended:?}");
     place.assert_clean();
 }

@@ -53,7 +53,7 @@ fn a_known_ground_at_home_keeps_a_relative_mission_low() {
         let altitude = Some(AltitudeReference::Relative);
         mission(&run, &VehicleMissionOptions { altitude, home_ground, ..forever() })
     };
-    let said = |mission: &VehicleMission| warnings::of(&track(&run), mission, None).join("\n");
+    let said = |mission: &VehicleMission| warned(&run, mission, None);
     let guessed = at(None);
     // With 25 %, home is at 0 to 200 m: 20 m above the highest are 220 m above the lowest.
     assert!(guessed.home_ground_m.unwrap().abs() < 1e-9);

@@ -1,0 +1,46 @@
+//! Options that are commands of the Python package now: grids of heights and flight logs. They are refused by a line with
+//! the command.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use skysink_common::error::InputError;
+use skysink_common::terminal::{shell_path, shell_word};
+
+/// The options.
+#[derive(Debug, Clone, Default, Args)]
+pub struct MovedOptions {
+    /// Heights of the ground.
+    #[arg(long, hide = true, value_name = "FILE")]
+    terrain: Option<PathBuf>,
+    /// Least height of the flight above the ground [m].
+    #[arg(long, hide = true, value_name = "M", allow_hyphen_values = true)]
+    clearance: Option<String>,
+    /// Folder of a flight log.
+    #[arg(long, hide = true, value_name = "DIR")]
+    log: Option<PathBuf>,
+}
+
+impl MovedOptions {
+    /// # Errors
+    /// If one is given; the message has the command instead, for the mission `name` and these `sensors`.
+    pub fn check(&self, name: &str, sensors: Option<&Path>) -> Result<(), InputError> {
+        let Self { terrain, clearance, log } = self;
+        let (option, module) = match (terrain, clearance, log) {
+            (None, None, None) => return Ok(()),
+            (None, None, Some(_)) => ("--log", "measured"),
+            (None, Some(_), _) => ("--clearance", "terrain"),
+            (Some(_), ..) => ("--terrain", "terrain"),
+        };
+        let mut command = format!("python -m skysink.{module} {}", shell_path(Path::new(name)));
+        let paths = [("--sensors", sensors), ("--terrain", terrain.as_deref()), ("--log", log.as_deref())];
+        for (option, path) in paths.into_iter().filter_map(|(option, path)| Some((option, path?))) {
+            command += &format!(" {option} {}", shell_path(path));
+        }
+        if let Some(clearance) = clearance {
+            command += &format!(" --clearance {}", shell_word(clearance));
+        }
+        let expected = format!("expected the command of the Python package that reads it: {command}");
+        Err(InputError::of_argument("option", option, expected))
+    }
+}
