@@ -4,13 +4,13 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
-use skysink_planner::strategy::{Decision, rule};
+use skysink_planner::strategy::{Decision, Setup, rule};
 
 /// What ends a mission whose strategy hovers, but wants to fly to `x_m` [m] in `slot`.
 fn ended_by(slot: u64, x_m: f64) -> (u64, String) {
     let scenario = Scenario::letter(Overrides::default()).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let make = &mut |_: &_| {
+    let make = &mut |_: &Setup<'_>| {
         Ok(rule(move |view| {
             let mut decision = Decision::stay(view);
             if view.slot == slot {
