@@ -167,8 +167,8 @@ mod imports {
         let place = Place::new();
         let feature = |name: &str, rate: &str, lon: &str| {
             format!(
-                "{{\"type\":\"Feature\",\"properties\":{{\"name\":\"{name}\",\"rate\":{rate},\"owner\":1}},\
-                 \"geometry\":{{\"type\":\"Point\",\"coordinates\":[{lon},52.50,80]}}}}"
+                "{{\"type\":\"Feature\",\"properties\":{{\"name\":\"{name}\",\"rate\":{rate},\"owner\":1,\
+                 \"ground_m\":80}},\"geometry\":{{\"type\":\"Point\",\"coordinates\":[{lon},52.50]}}}}"
             )
         };
         let placemark = |name: &str, rate: &str, lon: &str| {

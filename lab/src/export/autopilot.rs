@@ -110,7 +110,7 @@ impl Autopilot {
 
 /// A hold [s] rounded up to whole seconds; up to a nanosecond, so that sums of slots are not rounded up.
 pub fn whole_s(hold_s: f64) -> f64 {
-    (hold_s - 1e-9).ceil().max(0.0)
+    if hold_s > 1e-9 { (hold_s - 1e-9).ceil() } else { 0.0 }
 }
 
 impl VehicleMotion {
