@@ -40,7 +40,8 @@ const HEADER: &str = "\
 #   skysink simulate FILE --out runs/NAME     simulates it
 #   skysink compare FILE horizon tour         compares strategies
 #   skysink export runs/NAME --format qgc-plan    writes a plan for a ground station;
-#     --origin LAT,LON says where the corner of a list in metres is
+#     --origin LAT,LON --north true says where the corner of a list in metres is,
+#     whose y is true north
 #
 # Assumed; change what differs. A measured map of the links is better than a radio by
 # name, and published models of the power of flight differ by 25 % and more.

@@ -58,7 +58,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let key =
         |row: &BTreeMap<String, String>| ["area.side_m", "link.gain", "strategy", "seed"].map(|key| row[key].clone());
     assert_eq!(key(&results[0]), ["40.0", "static", "uts", "1"]);
-    assert_eq!(key(&results[5]), ["40", "static", "gfs", "1"]);
+    assert_eq!(key(&results[5]), ["40.0", "static", "gfs", "1"]);
     assert_eq!(key(&results[15]), ["40.0", "per-slot", "uts", "1"]);
     assert_eq!(key(&results[89]), ["90.0", "per-slot", "rfs", "5"]);
 }
