@@ -34,7 +34,7 @@ impl MergeCommand {
         }
         match merged.missing {
             Some(missing) => print(format_args!("Not all: {missing}")),
-            None => print(format_args!("Draw them: skysink plot {} --x KEY", shell_path(&out))),
+            None => print(format_args!("Draw them: skysink plot {} --x KEY", shell_path(out))),
         }
     }
 }

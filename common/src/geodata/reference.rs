@@ -57,7 +57,7 @@ pub struct ReferenceSystem {
 #[derive(Clone)]
 pub enum Coordinates {
     /// Those of a place on Earth.
-    OnEarth(EarthSystem),
+    OnEarth(Box<EarthSystem>),
     /// Metres on a plane without a place on Earth, or why they are not metres.
     Local(Result<(), String>),
     /// Not known; with the reason.
@@ -111,7 +111,7 @@ impl ReferenceSystem {
             _ => return Err(refuse("")),
         };
         let on_earth = EarthSystem::of(definition).map_err(|reason| refuse(&format!("{reason}: ")))?;
-        Ok(Self { name: format!("EPSG:{code}"), coordinates: Coordinates::OnEarth(on_earth) })
+        Ok(Self { name: format!("EPSG:{code}"), coordinates: Coordinates::OnEarth(Box::new(on_earth)) })
     }
 
     /// The system of the file of positions `path`; `None` if there is no file `.prj` of its name, or nothing in it.
@@ -134,7 +134,7 @@ impl ReferenceSystem {
             let named = || Some(Self::of_name(&format!("EPSG:{}", code_of(plane)?)).ok()?.coordinates);
             let defined = proj4wkt::wkt_to_projstring(plane).map_err(|_| "not read as well-known text".to_owned());
             match defined.and_then(|definition| EarthSystem::of(&definition)) {
-                Ok(on_earth) => Coordinates::OnEarth(on_earth),
+                Ok(on_earth) => Coordinates::OnEarth(Box::new(on_earth)),
                 Err(reason) => named().unwrap_or(Coordinates::Unknown(reason)),
             }
         };

@@ -62,7 +62,7 @@ pub fn parse(source: &SourceText<'_>) -> Result<PlanFile, String> {
     let is_winged = WINGED.contains(&of_mission("vehicleType")?);
     let key = if is_winged { "cruiseSpeed" } else { "hoverSpeed" };
     let speed_mps = of_mission(key)?;
-    if !(speed_mps > 0.0) {
+    if speed_mps.is_nan() || speed_mps <= 0.0 {
         return Err(format!("mission.{key} = {speed_mps}: expected a speed above 0 m/s"));
     }
     let autopilot = if of_mission("firmwareType")? == ARDUPILOT { Autopilot::Ardupilot } else { Autopilot::Px4 };
