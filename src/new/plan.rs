@@ -9,7 +9,7 @@ use skysink_common::geodata::{Zone, ZoneKind, Zones};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{MOST_TRACK_SLOTS, Scenario, TimedPoint, slot_ends};
 use skysink_common::sensors::SensorList;
-use skysink_lab::import::plan::{FlightPlan, PLAN, PlannedPoint};
+use skysink_lab::import::plan::{ForeignPlan, PLAN, PlannedPoint};
 
 use super::additions::Additions;
 use super::presets::Lines;
@@ -41,7 +41,7 @@ const FLAT_M: f64 = 2.0;
 /// The plan of a file.
 pub struct PlannedFlight<'a> {
     path: &'a Path,
-    plan: FlightPlan,
+    plan: ForeignPlan,
 }
 
 /// The flight in the area, and how it is cut into slots.
@@ -84,7 +84,7 @@ impl<'a> PlannedFlight<'a> {
     /// # Errors
     /// If it is refused.
     pub fn read(path: &'a Path, speed_mps: Option<f64>) -> Result<Self, InputError> {
-        Ok(Self { path, plan: FlightPlan::read(path, speed_mps)? })
+        Ok(Self { path, plan: ForeignPlan::read(path, speed_mps)? })
     }
 
     /// The file.

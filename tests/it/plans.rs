@@ -169,7 +169,7 @@ fn holds_and_speeds_of_a_waypoint_file_are_flown() {
     let expected_s = [0.0, 10.0, 15.0, 22.5, 32.5, 52.5, 60.0, 75.0];
     assert_eq!(times_s.len(), expected_s.len() + usize::from(times_s[times_s.len() - 1].fract() == 0.0));
     for (time_s, expected_s) in times_s.iter().zip(expected_s) {
-        assert!((time_s - expected_s).abs() < 0.05, "{times_s:?}");
+        assert!((time_s - expected_s).abs() < 0.1, "{times_s:?}");
     }
     let scenario = read(&place, "holds/holds.toml");
     assert_eq!((scenario.uav.altitude_m, scenario.uav.max_speed_mps), (30.0, 8.0));

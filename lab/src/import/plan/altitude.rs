@@ -2,7 +2,7 @@
 
 use crate::export::AltitudeReference;
 
-use super::commands::MissionItem;
+use super::commands::ForeignItem;
 
 /// Altitudes that differ by less are one [m].
 pub const SAME_M: f64 = 0.01;
@@ -32,7 +32,7 @@ struct Reading {
 ///
 /// # Errors
 /// If its frame is not known, it is above the sea and home is not, or it is not above the ground.
-pub fn above_ground_m(item: &MissionItem, home_m: Option<f64>, readings: &mut Readings) -> Result<Option<f64>, String> {
+pub fn above_ground_m(item: &ForeignItem, home_m: Option<f64>, readings: &mut Readings) -> Result<Option<f64>, String> {
     let given_m = item.params[6];
     if given_m.is_nan() {
         return Ok(None);

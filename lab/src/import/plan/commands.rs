@@ -53,7 +53,7 @@ const NAMES: [(u16, &str); 24] = [
 
 /// An item of a mission with the codes of MAVLink.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MissionItem {
+pub struct ForeignItem {
     /// Its location in the file, such as `item 4`.
     pub place: String,
     /// `MAV_CMD`.
@@ -97,7 +97,7 @@ pub enum Maneuver {
     Nothing,
 }
 
-impl MissionItem {
+impl ForeignItem {
     /// What it does.
     ///
     /// # Errors

@@ -6,9 +6,9 @@ use serde_json::{Map, Value};
 use skysink_common::error::quoted;
 use skysink_common::geodata::{SourceText, Zone, check_geodetic};
 
-use super::commands::MissionItem;
+use super::commands::ForeignItem;
 use super::fence::{of_circle, of_polygon};
-use super::{PlanFile, PlanHome};
+use super::foreign_plan::{PlanFile, PlanHome};
 use crate::export::Autopilot;
 
 /// `MAV_TYPE` of vehicles with wings, whose speed is `cruiseSpeed`.
@@ -62,7 +62,7 @@ pub fn parse(source: &SourceText<'_>) -> Result<PlanFile, String> {
     let is_winged = WINGED.contains(&of_mission("vehicleType")?);
     let key = if is_winged { "cruiseSpeed" } else { "hoverSpeed" };
     let speed_mps = of_mission(key)?;
-    if speed_mps.is_nan() || speed_mps <= 0.0 {
+    if speed_mps <= 0.0 {
         return Err(format!("mission.{key} = {speed_mps}: expected a speed above 0 m/s"));
     }
     let autopilot = if of_mission("firmwareType")? == ARDUPILOT { Autopilot::Ardupilot } else { Autopilot::Px4 };
@@ -102,7 +102,7 @@ fn home(mission: &Value) -> Result<PlanHome, String> {
 }
 
 /// Adds a simple item, or those of a survey or a corridor.
-fn add_items(value: &Value, place: &str, items: &mut Vec<MissionItem>, unused: &mut Vec<String>) -> Result<(), String> {
+fn add_items(value: &Value, place: &str, items: &mut Vec<ForeignItem>, unused: &mut Vec<String>) -> Result<(), String> {
     let refuse = |message: String| format!("{place}: {message}");
     let kind = value.get("type").and_then(Value::as_str).unwrap_or_default();
     if kind == "SimpleItem" {
@@ -138,14 +138,14 @@ fn add_items(value: &Value, place: &str, items: &mut Vec<MissionItem>, unused: &
     for (value, number) in inner.iter().zip(1..) {
         let place = format!("{place}, its item {number}");
         let item = simple_item(value, &place).map_err(|message| format!("{place}: {message}"))?;
-        items.push(MissionItem { above_ground_m: item.above_ground_m.or(above_ground_m), ..item });
+        items.push(ForeignItem { above_ground_m: item.above_ground_m.or(above_ground_m), ..item });
     }
     Ok(())
 }
 
 /// A simple item. Its key `Altitude` differs from parameter 7 where QGroundControl has computed an altitude above sea
 /// level from it.
-fn simple_item(value: &Value, place: &str) -> Result<MissionItem, String> {
+fn simple_item(value: &Value, place: &str) -> Result<ForeignItem, String> {
     let code = |key: &str, most: u16| {
         let code = number(value, key)?;
         let is_code = (0.0..=f64::from(most)).contains(&code) && code.fract() == 0.0;
@@ -168,7 +168,7 @@ fn simple_item(value: &Value, place: &str) -> Result<MissionItem, String> {
     }
     let shown_m = value.get("Altitude").and_then(Value::as_f64);
     let is_computed = |shown_m: &f64| [0, 5].contains(&frame) && (shown_m - params[6]).abs() > SAME_M;
-    Ok(MissionItem { place: place.to_owned(), command, frame, params, above_ground_m: shown_m.filter(is_computed) })
+    Ok(ForeignItem { place: place.to_owned(), command, frame, params, above_ground_m: shown_m.filter(is_computed) })
 }
 
 /// The polygons and circles of a fence; the format's version 1 has one polygon.

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use skysink_common::geodata::projection::{Origin, Projection};
 
 use super::altitude::{Readings, above_ground_m};
-use super::commands::{Maneuver, MissionItem, named};
-use super::{FlightPlan, PlanFile, PlanHome, PlanLeg, fence};
+use super::commands::{ForeignItem, Maneuver, named};
+use super::fence;
+use super::foreign_plan::{ForeignPlan, PlanFile, PlanHome, PlanLeg};
 use crate::export::Autopilot;
 
 /// Speed over ground of ArduCopter without a speed in the mission, by `WPNAV_SPEED` [m/s].
@@ -46,7 +47,7 @@ struct Route {
 ///
 /// # Errors
 /// If an item is refused, home is not known, or there is no leg.
-pub fn follow(file: PlanFile, speed_mps: Option<f64>) -> Result<FlightPlan, String> {
+pub fn follow(file: PlanFile, speed_mps: Option<f64>) -> Result<ForeignPlan, String> {
     let PlanFile { is_waypoints, autopilot, home, speed_mps: own_mps, items, fence, unused } = file;
     fence::check(&fence)?;
     let mut notes = Vec::new();
@@ -96,7 +97,7 @@ pub fn follow(file: PlanFile, speed_mps: Option<f64>) -> Result<FlightPlan, Stri
     let by_command = by_command.iter().map(|(command, count)| format!("{count} × command {}", named(*command)));
     let unused: Vec<String> = unused.into_iter().chain(by_command).collect();
     notes.extend((!unused.is_empty()).then(|| format!("not used: {}", unused.join(", "))));
-    Ok(FlightPlan {
+    Ok(ForeignPlan {
         home: home.position,
         start_m: take_off_m.unwrap_or(first.altitude_m),
         altitudes: readings.lines(home.altitude_m, is_waypoints),
@@ -109,7 +110,7 @@ pub fn follow(file: PlanFile, speed_mps: Option<f64>) -> Result<FlightPlan, Stri
 }
 
 /// The first item with a place.
-fn first_place(items: &[MissionItem]) -> Result<(&str, [f64; 2]), String> {
+fn first_place(items: &[ForeignItem]) -> Result<(&str, [f64; 2]), String> {
     for item in items.iter().filter(|item| !matches!(item.maneuver(), Ok(Maneuver::Nothing))) {
         if let Some(position) = item.position()? {
             return Ok((&item.place, position));
@@ -120,7 +121,7 @@ fn first_place(items: &[MissionItem]) -> Result<(&str, [f64; 2]), String> {
 
 impl Route {
     /// Follows an item.
-    fn fly(&mut self, item: &MissionItem) -> Result<(), String> {
+    fn fly(&mut self, item: &ForeignItem) -> Result<(), String> {
         let maneuver = item.maneuver()?;
         if let Some(end) = &self.end {
             if maneuver != Maneuver::Nothing && maneuver != Maneuver::DelayNext {
@@ -185,12 +186,12 @@ impl Route {
         Ok(())
     }
 
-    fn count(&mut self, item: &MissionItem) {
+    fn count(&mut self, item: &ForeignItem) {
         *self.unused.entry(item.command).or_default() += 1;
     }
 
     /// Takes off from home. PX4 then flies to the place of the item; ArduPilot only climbs.
-    fn take_off(&mut self, item: &MissionItem) -> Result<(), String> {
+    fn take_off(&mut self, item: &ForeignItem) -> Result<(), String> {
         if !self.legs.is_empty() {
             return Err(item.refusal("a take-off in flight: expected a mission of one flight"));
         }
@@ -213,14 +214,14 @@ impl Route {
     }
 
     /// Flies to the place and the altitude of an item.
-    fn to(&mut self, item: &MissionItem, hold_s: f64) -> Result<(), String> {
+    fn to(&mut self, item: &ForeignItem, hold_s: f64) -> Result<(), String> {
         let position = item.position()?;
         let stays_level = position.is_none() && item.params[6] == 0.0;
         let own_m = if stays_level { None } else { above_ground_m(item, self.home.altitude_m, &mut self.readings)? };
         self.leg(item, position.unwrap_or(self.at), own_m.or(self.altitude_m), hold_s)
     }
 
-    fn leg(&mut self, item: &MissionItem, to: [f64; 2], altitude_m: Option<f64>, hold_s: f64) -> Result<(), String> {
+    fn leg(&mut self, item: &ForeignItem, to: [f64; 2], altitude_m: Option<f64>, hold_s: f64) -> Result<(), String> {
         let altitude_m = altitude_m.ok_or_else(|| item.refusal("no altitude yet: expected one above 0 m"))?;
         let Self { speed_mps, vertical_mps, .. } = *self;
         self.legs.push(PlanLeg { place: item.place.clone(), to, altitude_m, speed_mps, vertical_mps, hold_s });

@@ -14,7 +14,7 @@ use super::*;
 const HOME: [f64; 2] = [47.3975, 8.545];
 
 /// The flight of a waypoint file with home and these items.
-fn of_waypoints(items: &[&str]) -> Result<FlightPlan, String> {
+fn of_waypoints(items: &[&str]) -> Result<ForeignPlan, String> {
     let mut text = format!("QGC WPL 110\n0 1 0 16 0 0 0 0 {} {} 488 1\n", HOME[0], HOME[1]);
     for (item, index) in items.iter().zip(1..) {
         text += &format!("{index}\t0\t{}\t1\n", item.replace(' ', "\t"));
@@ -37,7 +37,7 @@ fn plan(items: Value) -> Value {
     })
 }
 
-fn of_plan(plan: &Value) -> Result<FlightPlan, String> {
+fn of_plan(plan: &Value) -> Result<ForeignPlan, String> {
     follow(qgc_plan::parse(&SourceText { text: &plan.to_string(), ..SourceText::default() })?, None)
 }
 

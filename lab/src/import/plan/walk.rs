@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::TimedPoint;
 
-use super::FlightPlan;
+use super::foreign_plan::ForeignPlan;
 
 /// Times are rounded up to 1/PER_SECOND s, so that rounding makes no leg faster.
 const PER_SECOND: f64 = 1e6;
@@ -25,7 +25,7 @@ pub struct PlannedPoint {
     pub leg: Option<usize>,
 }
 
-impl FlightPlan {
+impl ForeignPlan {
     /// The flight at ascending times, from above `home` [m] over the end of each leg, `places` [m], and the end of each
     /// hold. Legs of no length and no hold are left out. The legs whose numbers `ends_slot` takes end with a slot of
     /// `slot_s` [s]: they are slower, holds as long.

@@ -6,8 +6,8 @@
 use skysink_common::error::quoted;
 use skysink_common::geodata::SourceText;
 
-use super::commands::MissionItem;
-use super::{PlanFile, PlanHome};
+use super::commands::ForeignItem;
+use super::foreign_plan::{PlanFile, PlanHome};
 use crate::export::Autopilot;
 
 /// The first line.
@@ -40,7 +40,7 @@ pub fn parse(source: &SourceText<'_>) -> Result<PlanFile, String> {
         return Err(format!("line 1: `{}`: expected `{HEADER}`", quoted(first)));
     }
     let mut items = lines.enumerate().map(|(index, (number, line))| item(index, number, line));
-    let mut items: Vec<(MissionItem, bool)> = items.by_ref().collect::<Result<_, _>>()?;
+    let mut items: Vec<(ForeignItem, bool)> = items.by_ref().collect::<Result<_, _>>()?;
     let is_home = items.first().is_some_and(|(item, _)| item.command == 16);
     let home = is_home.then(|| items.remove(0).0);
     let waits: Vec<String> = items.iter().filter(|(_, goes_on)| !goes_on).map(|(item, _)| item.place.clone()).collect();
@@ -64,7 +64,7 @@ pub fn parse(source: &SourceText<'_>) -> Result<PlanFile, String> {
 }
 
 /// The item of a line, and whether the mission goes on after it.
-fn item(index: usize, number: usize, line: &str) -> Result<(MissionItem, bool), String> {
+fn item(index: usize, number: usize, line: &str) -> Result<(ForeignItem, bool), String> {
     let place = format!("item {index}");
     let refuse = |message: &str| format!("{place} (line {number}): {message}");
     let texts: Vec<&str> = line.split_whitespace().collect();
@@ -92,5 +92,5 @@ fn item(index: usize, number: usize, line: &str) -> Result<(MissionItem, bool), 
     let frame = code(2, f64::from(u8::MAX))? as u8;
     let command = code(3, f64::from(u16::MAX))? as u16;
     let goes_on = value(11)? != 0.0;
-    Ok((MissionItem { place, command, frame, params, above_ground_m: None }, goes_on))
+    Ok((ForeignItem { place, command, frame, params, above_ground_m: None }, goes_on))
 }
