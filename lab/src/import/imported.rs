@@ -121,8 +121,8 @@ fn is_own_node(point: &FoundPoint) -> bool {
 
 impl Imported {
     /// Sensor nodes with latitude and longitude [°], and the properties that a sensor list has columns for. The heights
-    /// of points are not taken: no format says that they are those of the ground. If some are of the kind `sensor node`,
-    /// as in files of `skysink export`, the others are ignored.
+    /// of points are not taken: no format says that they are those of the ground. If some are of the kind `sensor
+    /// node`, as in files of `skysink export`, the others are ignored.
     pub fn geodetic(mut found: FoundPoints) -> Result<Self, String> {
         let polygons: Vec<IgnoredItem> = found.ignored_polygons().collect();
         found.ignored.extend(polygons);
