@@ -9,16 +9,13 @@ use skysink_common::geometry::Position;
 
 use super::fence;
 use super::track::{GeodeticTrack, GeodeticZone};
-use super::vehicle::VehicleMission;
+use super::vehicle::{Leg, VehicleMission};
 
 /// A leg that is nearer than a margin by no more than this [m], the rounding of a run, keeps the margin.
 const ROUNDING_M: f64 = 0.01;
 
 /// Steps of the search for the least distance on a leg that climbs: each shortens the interval by 0.618.
 const SEARCH_STEPS: usize = 80;
-
-/// A leg of a mission: its ends [m]; z is the altitude above the ground below.
-pub type Leg = [Point3<f64>; 2];
 
 /// How near legs come to one kind of obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]

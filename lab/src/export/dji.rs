@@ -5,12 +5,12 @@
 
 use std::io::{Cursor, Write};
 
-use clap::ValueEnum;
 use skysink_common::geodata::projection::GeodeticPosition;
 use zip::write::SimpleFileOptions;
 use zip::{DateTime, ZipWriter};
 
 use super::altitude::AltitudeReference;
+use super::dji_drone::DjiDrone;
 use super::format::{ExportFormat, ExportedMission, MissionFormat, WriteFormat};
 use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
@@ -30,33 +30,17 @@ pub static FORMAT: ExportFormat = ExportFormat {
     }),
 };
 
-/// An aircraft of DJI that flies route files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DjiDrone {
-    /// Matrice 300 RTK.
-    M300,
-    /// Matrice 350 RTK.
-    M350,
-    /// Matrice 30.
-    M30,
-    /// Mavic 3 Enterprise.
-    #[value(name = "mavic-3e")]
-    Mavic3e,
-}
-
-impl DjiDrone {
-    /// `droneInfo` and `payloadInfo`: its own camera, or a payload of others.
-    fn info(self) -> String {
-        let (drone, kind, payload) = match self {
-            Self::M300 => (60, None, 65534),
-            Self::M350 => (89, None, 65534),
-            Self::M30 => (67, Some(0), 52),
-            Self::Mavic3e => (77, Some(0), 66),
-        };
-        let kind = kind.map_or(String::new(), |kind| element("droneSubEnumValue", kind));
-        let payload = element("payloadEnumValue", payload) + &element("payloadPositionIndex", 0);
-        element("droneInfo", element("droneEnumValue", drone) + &kind) + &element("payloadInfo", payload)
-    }
+/// `droneInfo` and `payloadInfo` of an aircraft: its own camera, or a payload of others.
+fn info(aircraft: DjiDrone) -> String {
+    let (drone, kind, payload) = match aircraft {
+        DjiDrone::M300 => (60, None, 65534),
+        DjiDrone::M350 => (89, None, 65534),
+        DjiDrone::M30 => (67, Some(0), 52),
+        DjiDrone::Mavic3e => (77, Some(0), 66),
+    };
+    let kind = kind.map_or(String::new(), |kind| element("droneSubEnumValue", kind));
+    let payload = element("payloadEnumValue", payload) + &element("payloadPositionIndex", 0);
+    element("droneInfo", element("droneEnumValue", drone) + &kind) + &element("payloadInfo", payload)
 }
 
 /// Highest speed of a leg [m/s]: the range that is published for the leg to the first waypoint, which holds for every
@@ -155,7 +139,7 @@ impl Route {
         let buildings_m = track.zones.iter().filter_map(|zone| zone.height_m);
         Self {
             waypoints: waypoints(part),
-            drone: options.drone.map_or(String::new(), DjiDrone::info),
+            drone: options.drone.map_or(String::new(), info),
             take_off_m: rounded(take_off_m.unwrap_or_default().max(LEAST_TAKE_OFF_M)),
             return_m: buildings_m.fold(mission.return_m.unwrap_or(highest_m), f64::max).ceil(),
             geoid_m: options.geoid,

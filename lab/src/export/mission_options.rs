@@ -6,7 +6,7 @@ use skysink_common::scenario::Scenario;
 
 use super::altitude::AltitudeReference;
 use super::autopilot::{self, Autopilot, VehicleMotion};
-use super::dji::DjiDrone;
+use super::dji_drone::DjiDrone;
 
 /// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
 pub const MIN_ITEMS: usize = 7;

@@ -10,6 +10,7 @@ mod autopilot;
 mod clearance;
 mod csv;
 mod dji;
+mod dji_drone;
 mod duration;
 mod fence;
 mod format;

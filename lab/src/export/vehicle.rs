@@ -11,12 +11,14 @@ use skysink_common::battery::Battery;
 use skysink_common::error::InputError;
 
 use super::altitude::{AltitudeReference, Altitudes};
-use super::clearance::Leg;
 use super::duration::{MissionEffort, MissionLeg, TimedPosition, effort, timeline};
 use super::items::VehicleItem;
 use super::mission_options::VehicleMissionOptions;
 use super::stops::{self, MERGE_M, VehicleStop, rounded};
 use super::track::GeodeticTrack;
+
+/// A leg of a mission: its ends [m]; z is the altitude above the ground below.
+pub type Leg = [Point3<f64>; 2];
 
 /// A speed stays set for a leg that is slower by at most this fraction of the maximum speed.
 const MAX_SLOWER: f64 = 0.1;

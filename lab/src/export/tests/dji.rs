@@ -3,7 +3,8 @@
 use std::io::{Cursor, Read};
 
 use super::*;
-use crate::export::dji::{self, DjiDrone};
+use crate::export::dji;
+use crate::export::dji_drone::DjiDrone;
 use crate::export::format::{ExportedMission, WriteFormat};
 
 /// An element: its name, its text, and its children.
