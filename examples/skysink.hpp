@@ -294,8 +294,8 @@ struct FlightReport {
     uint32_t refused;
     /// How many of `links` count.
     uint32_t served;
-    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of the
-    /// first counts the slots of the stay.
+    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of
+    /// the first counts the slots of the stay.
     LinkReport links[MAX_SERVED];
 };
 
