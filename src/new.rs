@@ -14,6 +14,8 @@ mod moved;
 mod plan;
 mod presets;
 
+#[cfg(feature = "lab")]
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -197,7 +199,7 @@ impl NewCommand {
     /// What the scenario is made from: reads the plan.
     #[cfg(feature = "lab")]
     fn sources(&self, comm_radius_m: f64) -> Result<Sources<'_>, InputError> {
-        self.moved.check(&self.name, self.sensors.as_deref())?;
+        self.moved.check(&self.name, &self.others())?;
         Ok(Sources {
             sensors: self.sensors.as_deref(),
             zones: self.zones.as_deref(),
@@ -206,6 +208,22 @@ impl NewCommand {
             plan: self.plan.as_deref().map(|path| PlannedFlight::read(path, self.speed)).transpose()?,
             comm_radius_m,
         })
+    }
+
+    /// The options with a value that commands of the Python package have, too.
+    #[cfg(feature = "lab")]
+    fn others(&self) -> [(&'static str, Option<OsString>); 7] {
+        let [radio, drone] = self.hardware.names();
+        let path = |path: &Option<PathBuf>| path.clone().map(PathBuf::into_os_string);
+        [
+            ("--sensors", path(&self.sensors)),
+            ("--zones", path(&self.zones)),
+            ("--crs", self.crs.clone().map(OsString::from)),
+            ("--start", self.start.map(|[x, y]| OsString::from(format!("{x},{y}")))),
+            ("--radio", radio.map(OsString::from)),
+            ("--drone", drone.map(OsString::from)),
+            ("--out", path(&self.out)),
+        ]
     }
 
     #[cfg(not(feature = "lab"))]

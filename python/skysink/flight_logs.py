@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -263,6 +263,14 @@ def read_rates(path: Path) -> list[tuple[float, float]]:
     return list(zip(*columns, strict=True))
 
 
+def checked(reader: Any, source: str) -> Iterator[list[str]]:
+    """The records of a reader; a field that has no end is refused."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise InputError(f"{source}: line {reader.line_num}: {error}: expected fields whose quotes end") from None
+
+
 def rows_of(path: Path, what: str) -> tuple[pd.DataFrame, Ids]:
     """The rows of a CSV file as text, and their lines. Semicolons and tabs may separate numbers with decimal commas."""
     try:
@@ -277,9 +285,11 @@ def rows_of(path: Path, what: str) -> tuple[pd.DataFrame, Ids]:
     separator = next((mark for mark in (";", "\t") if mark in head), ",")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
     header = [name.strip() for name in next(reader, [])]
+    for name in {name for name in header if name and header.count(name) > 1}:
+        raise InputError(f"{what} {path}: line 1: column `{name}`: expected it once")
     records, lines = [], []
     before = reader.line_num
-    for record in reader:
+    for record in checked(reader, f"{what} {path}"):
         line, before = before + 1, reader.line_num
         if not any(record):
             continue

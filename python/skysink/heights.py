@@ -44,11 +44,15 @@ class Grid:
         if opened.transform.is_identity:
             raise refusal(path, "it does not say where it lies: expected a grid with coordinates, as gdalwarp makes it")
         system = opened.crs
-        if system is None and crs is not None:
+        if crs is not None:
             try:
-                system = CRS.from_user_input(crs)
+                named = CRS.from_user_input(crs)
             except CRSError:
                 raise InputError(f"option --crs: `{crs}`: expected a reference system, such as EPSG:32633") from None
+            is_known = system is not None and (system.is_geographic or system.is_projected)
+            if is_known and plane_of(system) != plane_of(named):
+                raise InputError(f"option --crs: {crs}: the grid {path} names another system: omit the option")
+            system = system if is_known else named
         self.crs: Any = plane_of(system) if system is not None and (system.is_geographic or system.is_projected) else None
         self.unit = self.unit_of(system, header_unit)
 

@@ -68,7 +68,7 @@ def main(words: Sequence[str] | None = None) -> int:
         "--crs", metavar="SYSTEM", help="reference system of a grid that names none, such as EPSG:32633"
     )
     parser.add_argument(
-        "--clearance", metavar="M", type=float, default=10.0, help="least height of the flight above the ground [m] [default: 10]"
+        "--clearance", metavar="M", type=float, default=10.0, help="least height of the flight above the cells of the grid [m] [default: 10]"
     )
     parser.add_argument(
         "--voids", choices=["refuse", "zones"], default="refuse", help="cells of the area without a height: refuse the grid, or close them as no-fly zones [default: refuse]"
@@ -116,7 +116,7 @@ def draft_over(grid: Grid, options: Namespace) -> Draft:
     """The draft with its sensor nodes, in degrees if the system of the grid is known."""
     hardware = [f"--{name}={getattr(options, name)}" for name in ("radio", "drone", "zones") if getattr(options, name)]
     start = [f"--start={options.start}"] if options.start else []
-    if options.zones is None or grid.crs is None:
+    if grid.crs is None:
         draft = Draft.new(options.name, options.sensors, [*hardware, *start])
     else:
         draft = Draft.new(options.name, options.sensors)  # of metres, which zones would refuse; or of degrees
@@ -158,7 +158,9 @@ def draft_over(grid: Grid, options: Namespace) -> Draft:
     notes.append(f"positions in metres are those of the grid, {named(grid)}, and become latitudes and longitudes")
     draft.notes = notes + draft.notes
     doubts = ("its metres are taken as", "their metres are probably those of a map")
-    draft.warnings = [warning for warning in warnings if not any(doubt in warning for doubt in doubts)]
+    kept = [warning for warning in warnings if not any(doubt in warning for doubt in doubts)]
+    own = [warning.replace(str(converted), str(options.sensors)) for warning in draft.warnings]
+    draft.warnings = kept + [warning for warning in own if warning not in kept]
     return draft
 
 

@@ -85,10 +85,8 @@ impl Sources<'_> {
         let (Some(start), Some(on_earth)) = (self.start, system.and_then(ReferenceSystem::on_earth)) else {
             return Ok(self.start);
         };
-        if on_earth.is_in_degrees() {
-            return Ok(self.start);
-        }
-        let read = on_earth.to_geodetic(start);
+        let along = if on_earth.is_in_degrees() { [start[1], start[0]] } else { start };
+        let read = on_earth.to_geodetic(along);
         read.map(Some).map_err(|message| refuse("--start", &message))
     }
 

@@ -80,6 +80,14 @@ pub struct Hardware {
     drone: Option<String>,
 }
 
+impl Hardware {
+    /// The names of radio and drone.
+    #[cfg(feature = "lab")]
+    pub fn names(&self) -> [Option<&str>; 2] {
+        [self.radio.as_deref(), self.drone.as_deref()]
+    }
+}
+
 /// Lines of a scenario file instead of those of the keys, by their dotted names.
 #[derive(Default)]
 pub struct Lines {

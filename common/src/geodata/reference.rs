@@ -3,6 +3,7 @@
 
 use std::fmt;
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use proj4rs::Proj;
@@ -41,6 +42,9 @@ const REMEDY: &str = "expected one whose shift to WGS84 is known, such as EPSG:2
 /// Longest distance between a position and the one that its latitude and longitude lead back to [m or °].
 const MOST_ERROR: f64 = 0.01;
 
+/// Eastings of UTM, with those that reach into the next zone [m].
+const EASTINGS_M: RangeInclusive<f64> = 0.0..=1e6;
+
 /// Largest number of a position in degrees.
 const MOST_DEG: f64 = 360.0;
 
@@ -71,6 +75,8 @@ pub struct EarthSystem {
     wgs84: Proj,
     /// Whether its datum is shifted to that of WGS84 by a few parameters, which are exact to some metres.
     is_shifted: bool,
+    /// Whether its metres are those of a zone of UTM.
+    is_utm: bool,
 }
 
 impl PartialEq for ReferenceSystem {
@@ -101,7 +107,7 @@ impl ReferenceSystem {
         let refuse = |reason: &str| format!("`{}`: {reason}{REMEDY}", quoted(name));
         let capitals = name.trim().to_ascii_uppercase();
         let last = capitals.rsplit([':', '/']).next().unwrap_or_default();
-        let code: Option<u16> = last.parse().ok().filter(|_| capitals.contains("EPSG"));
+        let code: Option<u16> = last.parse().ok().filter(|_| capitals.contains("EPSG") || capitals == last);
         let (code, definition) = match (last, code) {
             ("CRS84", _) => (4326, WGS84),
             (_, Some(code)) => {
@@ -190,11 +196,12 @@ impl EarthSystem {
         if !is_known || has("+datum=NAD27") {
             return Err("the shift of its datum to WGS84 is not known".to_owned());
         }
+        let is_utm = has("+proj=utm");
         let definition = proj(definition)?;
         if definition.is_geocent() || !definition.has_inverse() {
             return Err("its coordinates are not east and north".to_owned());
         }
-        Ok(Self { definition, wgs84: proj(WGS84)?, is_shifted: !is_global })
+        Ok(Self { definition, wgs84: proj(WGS84)?, is_shifted: !is_global, is_utm })
     }
 
     /// Whether its coordinates are longitude and latitude.
@@ -219,6 +226,8 @@ impl EarthSystem {
             check_geodetic([y, x])?;
         } else if x.abs().max(y.abs()) <= MOST_DEG {
             return Err(format!("{x}, {y}: expected lengths of a map, not degrees"));
+        } else if self.is_utm && !EASTINGS_M.contains(&x) {
+            return Err(format!("{x}, {y}: expected an easting of UTM, 0 to 1000000 m: is the northing first?"));
         }
         let refuse = || format!("{x}, {y}: expected a position of its reference system, east and north");
         let mut at = if self.is_in_degrees() { (x.to_radians(), y.to_radians(), 0.0) } else { (x, y, 0.0) };

@@ -7,7 +7,7 @@ use skysink_common::geometry::Position;
 
 use super::autopilot::Autopilot;
 use super::ground::Ground;
-use super::track::GeodeticTrack;
+use super::track::{GeodeticTrack, GeodeticZone};
 
 /// What altitudes are above, by its `MAV_FRAME`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -120,5 +120,18 @@ impl Altitudes {
         let ground = self.ground.as_ref()?;
         let tops_m = places.map(|at| ground.highest_between_m(&at, &home.xy()));
         Some(home.z + tops_m.fold(ground.highest_m(&home.xy()), f64::max) - self.home_m())
+    }
+
+    /// The altitude above home that clears the roofs of all buildings by `margin_m` [m]; `None` if the model flies above
+    /// it, or there are none.
+    pub fn over_roofs_m(&self, home: &Point3<f64>, zones: &[GeodeticZone], margin_m: f64) -> Option<f64> {
+        let base_m = |zone: &GeodeticZone| {
+            let Some(ground) = &self.ground else { return 0.0 };
+            let corners = zone.outline.corners();
+            let edges = corners.iter().zip(corners.iter().cycle().skip(1));
+            edges.map(|(from, to)| ground.highest_between_m(from, to)).fold(f64::NEG_INFINITY, f64::max) - self.home_m()
+        };
+        let roofs_m = zones.iter().filter_map(|zone| Some(base_m(zone) + zone.height_m? + margin_m));
+        roofs_m.reduce(f64::max).filter(|roof_m| *roof_m > home.z)
     }
 }

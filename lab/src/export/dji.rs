@@ -130,18 +130,17 @@ struct Route {
 
 impl Route {
     fn of(exported: &ExportedMission<'_>, part: &MissionPart) -> Self {
-        let ExportedMission { track, mission, options, .. } = exported;
+        let ExportedMission { mission, options, .. } = exported;
         let take_off_m = part.items.iter().find_map(|item| match item {
             VehicleItem::TakeOff { altitude_m, .. } => Some(*altitude_m),
             _ => None,
         });
         let highest_m = part.path.iter().map(|node| node.z).fold(0.0, f64::max);
-        let buildings_m = track.zones.iter().filter_map(|zone| zone.height_m);
         Self {
             waypoints: waypoints(part),
             drone: options.drone.map_or(String::new(), info),
             take_off_m: rounded(take_off_m.unwrap_or_default().max(LEAST_TAKE_OFF_M)),
-            return_m: buildings_m.fold(mission.return_m.unwrap_or(highest_m), f64::max).ceil(),
+            return_m: mission.return_m.map_or(highest_m, |return_m| return_m.max(highest_m)).ceil(),
             geoid_m: options.geoid,
         }
     }

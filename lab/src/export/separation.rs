@@ -48,9 +48,11 @@ pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) ->
         if stagger {
             return refuse("--stagger: expected uav.separation_m, how far the UAVs stay apart".to_owned());
         }
-        lines.push(stay_apart(nearest, "if all start at once"));
+        let near = stay_apart(nearest, "if all start at once");
+        lines.push(format!("warning: {near}: without uav.separation_m nothing keeps them apart"));
         return Ok(lines);
     };
+    lines.extend(on_the_ground(scenario));
     let is_too_near = |approach: &Approach| approach.distance_m < separation_m;
     let Some(Approach { uavs, distance_m, time_s, at }) = nearest.filter(is_too_near) else {
         lines.push(stay_apart(nearest, "if all start at once"));
@@ -72,6 +74,12 @@ pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) ->
          start {starts}",
         at.x, at.y
     ))
+}
+
+/// That vehicles on the ground are not counted, where all start from one place.
+fn on_the_ground(scenario: &Scenario) -> Option<String> {
+    let is_shared = scenario.uav.starts_m.is_none();
+    is_shared.then(|| "warning: all UAVs start and land at one place: those on the ground are not counted".to_owned())
 }
 
 /// How near UAVs come to each other, and under which `condition`.

@@ -110,7 +110,7 @@ fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &V
     format!("estimated from take-off to landing: {times} {planned}{hills}")
 }
 
-/// The altitude of a return over hills, and how high the mission leads; `None` if the list does not tell the ground.
+/// The altitude of a return over hills and roofs, and how high the mission leads; `None` if it is that of the flight.
 fn return_altitude(options: &VehicleMissionOptions, mission: &VehicleMission) -> Option<String> {
     let return_m = mission.return_m?.ceil();
     let highest_m = mission.parts.iter().filter_map(|part| part.highest_m).reduce(f64::max);

@@ -37,8 +37,8 @@ pub struct VehicleMission {
     pub reference: AltitudeReference,
     /// The ground at home [m], as it was given or as low as it can be; `None` if nothing tells it.
     pub home_ground_m: Option<f64>,
-    /// The altitude above home that clears the ground on all straight ways home as the model flies [m]; `None`
-    /// likewise.
+    /// The altitude above home that clears the ground on all straight ways home as the model flies, and all roofs [m];
+    /// `None` if nothing tells the ground, and the model flies above all roofs.
     pub return_m: Option<f64>,
     /// The waypoints of the flight.
     pub flown: Vec<VehicleStop>,
@@ -90,7 +90,9 @@ pub fn plan(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Resul
     let parts = planner.split(&stops)?;
     parts.iter().try_for_each(|waypoints| planner.check_path(waypoints))?;
     let positions = parts.iter().flatten().map(|waypoint| waypoint.position.xy());
-    let return_m = planner.altitudes.return_m(&planner.home(), positions);
+    let over_ground_m = planner.altitudes.return_m(&planner.home(), positions);
+    let over_roofs_m = planner.altitudes.over_roofs_m(&planner.home(), &track.zones, options.margin_m());
+    let return_m = over_ground_m.into_iter().chain(over_roofs_m).reduce(f64::max);
     let parts: Vec<_> = parts.iter().map(|waypoints| planner.part(waypoints)).collect::<Result<_, _>>()?;
     if !options.ignore_endurance {
         check_effort(track, &parts)?;
