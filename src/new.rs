@@ -2,6 +2,8 @@
 
 mod additions;
 #[cfg(feature = "lab")]
+mod area;
+#[cfg(feature = "lab")]
 mod degrees;
 mod field;
 #[cfg(feature = "lab")]

@@ -12,6 +12,7 @@ pub mod results;
 mod saved;
 pub mod settings;
 pub mod shard;
+mod unflown;
 
 use std::collections::BTreeSet;
 use std::io;

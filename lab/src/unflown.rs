@@ -6,12 +6,6 @@ use skysink_common::scenario::Scenario;
 use skysink_mission::metrics::MetricValues;
 use skysink_mission::unflown::UnflownPlans;
 
-use crate::error::LabError;
-use crate::sweep::definition::MissionKey;
-use crate::sweep::journal::{MissionRows, missions_of};
-use crate::sweep::plan::Sweep;
-use crate::sweep::results::named;
-
 /// The flights of a strategy that held or refused more than 1 % of their slots.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnflownFlights {
@@ -41,27 +35,6 @@ impl UnflownFlights {
         let unflown = || plans.iter().filter_map(|(seed, plans)| Some((*seed, (*plans)?)));
         let (seed, worst) = unflown().rev().max_by_key(|(_, plans)| plans.severity())?; // the first of equals
         Some(Self { name: name.to_owned(), seed, worst, flights: unflown().count(), of: plans.len() })
-    }
-
-    /// Those of a sweep, by point and strategy.
-    ///
-    /// # Errors
-    /// Never for the missions of this sweep.
-    pub fn of_sweep(sweep: &Sweep, rows: &MissionRows) -> Result<Vec<Self>, LabError> {
-        let definition = &sweep.definition;
-        let mut found = Vec::new();
-        for point in 0..definition.points.len() {
-            for (strategy, name) in definition.strategies.iter().enumerate() {
-                let missions = || missions_of(rows, point, strategy).map(|row| (row.key.seed, &row.values));
-                // Most flights fly all their plans; only the scenario of others is read.
-                if missions().all(|(_, values)| UnflownPlans::has_none(values)) {
-                    continue;
-                }
-                let scenario = sweep.scenario(MissionKey { point, strategy, seed: definition.seeds[0] })?;
-                found.extend(Self::of(&named(definition, name, point), &scenario, missions()));
-            }
-        }
-        Ok(found)
     }
 }
 

@@ -10,7 +10,7 @@ use skysink_common::scenario::Origin;
 use skysink_lab::import::plan::PLAN;
 use skysink_lab::import::south_west;
 
-use super::import::{MARGIN_M, beyond, sides};
+use super::area::{MARGIN_M, beyond, sides};
 use super::plan::HOME;
 
 /// Approximate length of a degree of latitude [m].

@@ -14,13 +14,11 @@ use skysink_common::sensors::SensorList;
 use skysink_lab::import::{self, Frame, Imported};
 
 use super::additions::Additions;
+use super::area::{MARGIN_M, beyond, sides};
 use super::degrees::of_degrees;
 use super::field::NewField;
 use super::plan::PlannedFlight;
 use super::presets::Lines;
-
-/// Margin between the sensor nodes and the border of the area [m].
-pub(super) const MARGIN_M: f64 = 10.0;
 
 /// What a new scenario is made from.
 pub struct Sources<'a> {
@@ -234,14 +232,4 @@ fn shift(imported: &Imported) -> [f64; 2] {
         let is_far = low[axis] < 0.0 || low[axis] > (high[axis] - low[axis]).max(MARGIN_M);
         if is_far { MARGIN_M - low[axis] } else { 0.0 }
     })
-}
-
-/// A side that ends beyond this coordinate [m].
-pub(super) fn beyond(coordinate_m: f64) -> f64 {
-    (coordinate_m + MARGIN_M).ceil()
-}
-
-/// The keys of the sides of an area [m].
-pub(super) fn sides([width_m, height_m]: [f64; 2]) -> String {
-    format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}")
 }

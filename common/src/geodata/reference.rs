@@ -3,7 +3,6 @@
 
 use std::fmt;
 use std::fs;
-use std::ops::RangeInclusive;
 use std::path::Path;
 
 use proj4rs::Proj;
@@ -42,8 +41,11 @@ const REMEDY: &str = "expected one whose shift to WGS84 is known, such as EPSG:2
 /// Longest distance between a position and the one that its latitude and longitude lead back to [m or °].
 const MOST_ERROR: f64 = 0.01;
 
-/// Eastings of UTM, with those that reach into the next zone [m].
-const EASTINGS_M: RangeInclusive<f64> = 0.0..=1e6;
+/// Projections for a strip beside a central meridian.
+const NARROW: [&str; 2] = ["+proj=tmerc", "+proj=somerc"];
+
+/// Farthest from the central meridian of such a strip that positions are believed [°]: some three zones of UTM.
+const MOST_ASIDE_DEG: f64 = 15.0;
 
 /// Largest number of a position in degrees.
 const MOST_DEG: f64 = 360.0;
@@ -75,8 +77,8 @@ pub struct EarthSystem {
     wgs84: Proj,
     /// Whether its datum is shifted to that of WGS84 by a few parameters, which are exact to some metres.
     is_shifted: bool,
-    /// Whether its metres are those of a zone of UTM.
-    is_utm: bool,
+    /// The central meridian of a projection for a narrow strip beside it [°].
+    meridian_deg: Option<f64>,
 }
 
 impl PartialEq for ReferenceSystem {
@@ -196,12 +198,16 @@ impl EarthSystem {
         if !is_known || has("+datum=NAD27") {
             return Err("the shift of its datum to WGS84 is not known".to_owned());
         }
-        let is_utm = has("+proj=utm");
+        let number = |key: &str| definition.split_whitespace().find_map(|word| word.strip_prefix(key)?.parse().ok());
+        let meridian_deg = match NARROW.iter().any(|part| has(part)) {
+            true => number("+lon_0="),
+            false => number("+zone=").filter(|_| has("+proj=utm")).map(|zone: f64| 6.0 * zone - 183.0),
+        };
         let definition = proj(definition)?;
         if definition.is_geocent() || !definition.has_inverse() {
             return Err("its coordinates are not east and north".to_owned());
         }
-        Ok(Self { definition, wgs84: proj(WGS84)?, is_shifted: !is_global, is_utm })
+        Ok(Self { definition, wgs84: proj(WGS84)?, is_shifted: !is_global, meridian_deg })
     }
 
     /// Whether its coordinates are longitude and latitude.
@@ -226,8 +232,6 @@ impl EarthSystem {
             check_geodetic([y, x])?;
         } else if x.abs().max(y.abs()) <= MOST_DEG {
             return Err(format!("{x}, {y}: expected lengths of a map, not degrees"));
-        } else if self.is_utm && !EASTINGS_M.contains(&x) {
-            return Err(format!("{x}, {y}: expected an easting of UTM, 0 to 1000000 m: is the northing first?"));
         }
         let refuse = || format!("{x}, {y}: expected a position of its reference system, east and north");
         let mut at = if self.is_in_degrees() { (x.to_radians(), y.to_radians(), 0.0) } else { (x, y, 0.0) };
@@ -236,8 +240,10 @@ impl EarthSystem {
         let position = [at.1, at.0].map(|radians| (radians.to_degrees() * 1e9).round() / 1e9);
         transform(&self.wgs84, &self.definition, &mut at).map_err(|_| refuse())?;
         let is_there = (at.0 - from.0).abs().max((at.1 - from.1).abs()) < MOST_ERROR;
-        if !is_there || check_geodetic(position).is_err() {
-            return Err(refuse());
+        let aside_deg = self.meridian_deg.map_or(0.0, |meridian_deg| position[1] - meridian_deg);
+        let aside_deg = (aside_deg + 540.0).rem_euclid(360.0) - 180.0;
+        if !is_there || check_geodetic(position).is_err() || aside_deg.abs() > MOST_ASIDE_DEG {
+            return Err(refuse() + ": is the northing first, or in feet?");
         }
         Ok(position)
     }

@@ -33,6 +33,9 @@ const CIRCLE: &str = "circle";
 /// Properties that say what a polygon is.
 const KINDS: [&str; 2] = [KIND, NAME];
 
+/// Values of a property `kind` for a zone that is closed at all altitudes.
+const NO_FLY: [&str; 4] = ["no-fly", "no_fly", "nofly", "no fly"];
+
 /// Values of them for the boundary of an area.
 const BOUNDARIES: [&str; 2] = ["boundary", "area"];
 
@@ -173,15 +176,24 @@ fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
     };
     let is_boundary = |value: &str| BOUNDARIES.contains(&value.to_lowercase().as_str());
     let is_marked = property(&[KIND]).is_some();
+    let is_no_fly = |value: &str| NO_FLY.contains(&value.to_lowercase().as_str());
     let kind = if property(&KINDS).is_some_and(is_boundary) {
         ZoneKind::Boundary
+    } else if property(&[KIND]).is_some_and(is_no_fly) {
+        ZoneKind::NoFly // whatever its height
     } else {
-        let height = match property(&HEIGHTS) {
-            None => polygon.extrusion,
-            Some(value) => {
-                let expected = || format!("height {}: expected metres, or feet as in `40 ft`", quoted(value));
-                Extrusion::AboveGround(height_m(value).ok_or_else(expected)?)
+        let given = HEIGHTS.iter().filter_map(|name| property(&[name]));
+        let heights_m = given.map(|value| {
+            let expected = || format!("height {}: expected metres, or feet as in `40 ft`", quoted(value));
+            height_m(value).ok_or_else(expected)
+        });
+        let heights_m = heights_m.collect::<Result<Vec<f64>, String>>()?;
+        let height = match heights_m[..] {
+            [] => polygon.extrusion,
+            [first_m, second_m] if first_m != second_m => {
+                return Err(format!("height_m {first_m} and height {second_m}: expected one height"));
             }
+            [height_m, ..] => Extrusion::AboveGround(height_m),
         };
         match height {
             Extrusion::Flat => ZoneKind::NoFly,
@@ -212,7 +224,10 @@ mod tests {
     fn properties_distinguish_zones_buildings_and_the_boundary() {
         assert_eq!(kind(&[("name", "airfield")]), Ok(ZoneKind::NoFly));
         assert_eq!(kind(&[("building", "yes"), ("Height", "12.5 m")]), Ok(ZoneKind::Building(12.5)));
-        assert_eq!(kind(&[("height", "9"), ("height_m", "10")]), Ok(ZoneKind::Building(10.0)));
+        assert_eq!(kind(&[("height", "10"), ("height_m", "10")]), Ok(ZoneKind::Building(10.0)));
+        let two = kind(&[("height", "40"), ("height_m", "10")]);
+        assert_eq!(two.unwrap_err(), "height_m 10 and height 40: expected one height");
+        assert_eq!(kind(&[("kind", "No-Fly"), ("height", "12")]), Ok(ZoneKind::NoFly));
         assert_eq!(kind(&[("height", "40 ft")]), Ok(ZoneKind::Building(40.0 * 0.3048)));
         assert_eq!(kind(&[("kind", "area"), ("name", "field")]), Ok(ZoneKind::Boundary));
         assert_eq!(kind(&[("name", "Boundary")]), Ok(ZoneKind::Boundary));
