@@ -90,6 +90,10 @@ def create(options: Namespace) -> None:
     sensors_m = draft.positions()
     if draft.origin_deg is not None:
         sensors_m = in_area(sensors_m, draft.origin_deg)
+    own_m = None
+    if "ground_m" in draft.header:
+        column = draft.header.index("ground_m")
+        own_m = np.array([float(cells[column]) for cells in draft.rows])
     add_ground(draft, ground, sensors_m, options)
     draft.notes += ground.notes
     draft.warnings += ground.warnings
@@ -107,7 +111,7 @@ def create(options: Namespace) -> None:
             f"terrain: {at_start_m:.1f} m at the start, {altitude_m:.1f} m in flight, {len(zones)} no-fly zones where "
             f"the ground is above {limit_m:.1f} m"
         )
-        files[LINKS] = links_over(ground, altitude_m, scenario, field, sensors_m, draft)
+        files[LINKS] = links_over(ground, altitude_m, scenario, field, sensors_m, own_m, draft)
     inputs = [path for path in (options.sensors, options.terrain, options.zones) if path is not None]
     draft.finish(options.out or Path(options.name), files, inputs, options.force)
 
@@ -268,7 +272,8 @@ def ring_of(outline: list[tuple[float, float]], ground: Ground) -> Ring:
 
 
 def links_over(
-    ground: Ground, altitude_m: float, scenario: Scenario, field: Field, sensors_m: Floats, draft: Draft
+    ground: Ground, altitude_m: float, scenario: Scenario, field: Field, sensors_m: Floats,
+    own_m: Floats | None, draft: Draft
 ) -> str:
     """Sets the lines of a map of the rates of the radio, without links where the ground hides a sensor node, and returns
     its text.
@@ -280,7 +285,7 @@ def links_over(
     most = min(MOST_POINTS // len(sensors_m), MOST_OF_NODE)
     grid = MapGrid.over(draft.sides_m, min(ground.cell_m, radius_m), most)
     places_m = np.minimum(grid.positions_m, np.array(draft.sides_m))
-    heights_m = ground.height_m(sensors_m[:, 0], sensors_m[:, 1])
+    heights_m = ground.height_m(sensors_m[:, 0], sensors_m[:, 1]) if own_m is None else own_m
     farthest_m = radius_m + 2.0 * grid.step_m  # cells of the map that begin farther away are of no use
     rates_bps = np.full((len(sensors_m), len(places_m)), np.nan)
     reached = hidden = 0
@@ -293,6 +298,10 @@ def links_over(
         at = at[seen]
         rates = expected_rates_bps(scenario, float(gains[sensor]), d2_m2[at], altitude_m - height_m)
         rates_bps[sensor, at] = np.floor(rates + 0.5)
+    blind = np.flatnonzero(~(rates_bps > 0.0).any(axis=1)).tolist()
+    if blind:
+        more = f", as from {len(blind) - 1} more" if len(blind) > 1 else ""
+        draft.warnings.append(f"{draft.label(blind[0])}: no place of the flight has a link to it{more}: it is never served")
     setup_s = scenario["link"].get("setup_s")
     lines = [commented('model = "map"', "none where the ground hides an SN"), f'file = "{LINKS}"']
     lines += [f"setup_s = {setup_s!r}"] if setup_s is not None else []

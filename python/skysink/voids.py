@@ -89,10 +89,15 @@ def high_zeros(raw: Floats, heights_m: Floats, is_known: Marks) -> Marks:
     # A low cell beside some of them, such as a beach, makes all that hang together heights.
     is_low = is_known & ~is_zero & (heights_m < HIGH_ZERO_M)
     is_sea = np.zeros_like(is_zero)
-    grown = is_zero & beside(is_low)
-    while (grown & ~is_sea).any():
-        is_sea |= grown
-        grown = is_zero & beside(is_sea)
+    rows, columns = is_zero.shape
+    front = np.flatnonzero(is_zero & beside(is_low))
+    while front.size > 0:
+        is_sea.flat[front] = True
+        row, column = np.divmod(front, columns)
+        steps = [(row + down, column + right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
+        inner = [(0 <= at) & (at < rows) & (0 <= to) & (to < columns) for at, to in steps]
+        near = np.unique(np.concatenate([(at * columns + to)[is_in] for (at, to), is_in in zip(steps, inner, strict=True)]))
+        front = near[is_zero.flat[near] & ~is_sea.flat[near]]
     has_others = is_known & ~is_zero
     return is_zero & ~is_sea if has_others.any() else np.zeros_like(is_zero)
 
