@@ -73,7 +73,7 @@ Observation = dict[str, NDArray[np.float32]]
 Action = Any
 """float32 [2] or [3], or an integer if the action is a sensor node; of a vector [num_envs] of them."""
 
-OF_EACH = ("field", "uav", "queues_bits", "sampling_bps", "belief")
+OF_EACH = ("field", "uav", "queues_bits", "sampling_bps")
 """What each environment of a vector has of its own."""
 
 FLYING = ("step", "reset", "fly", "follow", "run")
@@ -385,7 +385,7 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """What each environment has under this name, as the vectors of Gymnasium tell it: ``field``, ``uav``,
-        ``queues_bits``, ``sampling_bps``, ``belief`` and ``scenario`` of its own, its spaces, its action of
+        ``queues_bits``, ``sampling_bps`` and ``scenario`` of its own, its spaces, its action of
         ``call("expert", "tour")`` and mask of ``call("action_masks")``, or what all have in common.
 
         Raises :class:`skysink.InputError` for methods that fly: a vector is flown as a whole.

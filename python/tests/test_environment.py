@@ -223,8 +223,6 @@ def test_a_vector_tells_what_each_of_its_environments_has(smoke: skysink.Scenari
     assert envs.get_attr("action_space") == (singles[0].action_space,) * 3
     assert envs.get_attr("observation_space") == (singles[0].observation_space,) * 3
     assert envs.get_attr("fields") == envs.get_attr("render_mode") == (None,) * 3
-    ages = envs.get_attr("belief")[1].age_slots
-    assert np.array_equal(ages, singles[1].belief.age_slots)
     for name in ("step", "run", "follow", "clone"):
         with pytest.raises(skysink.InputError, match=f"call\\('{name}'\\): a vector is flown as a whole"):
             envs.call(name)

@@ -34,7 +34,7 @@ def test_the_slots_of_a_run_agree_with_slots_csv(smoke: skysink.Scenario, tmp_pa
     assert [len(bits) for bits in uploads] == [len(ids) for ids in served]
     assert sum(bits > 0 for slot in uploads for bits in slot) > 60
     expected = dict.fromkeys(COUNTS, "uint64") | {"uav": "uint32", "refused": "uint32", "mode": "string"}
-    expected |= {"scheduled": "list<item: uint32>", "uploads_bits": "list<item: uint64>"}
+    expected |= {"scheduled": "list<element: uint32>", "uploads_bits": "list<element: uint64>"}
     assert types(path) == expected | dict.fromkeys(["x_m", "y_m", "z_m"], "double")
     replaced = path.read_bytes()
     assert skysink.parquet(folder).read_bytes() == replaced
@@ -44,7 +44,9 @@ def test_the_slots_of_a_run_agree_with_slots_csv(smoke: skysink.Scenario, tmp_pa
 
 
 def test_a_fleet_with_batteries_has_a_row_for_each_uav(tmp_path: Path) -> None:
-    scenario = skysink.Scenario.load(ROOT / "scenarios" / "fleet.toml").replace({"slots": 20, "uav.battery.capacity_j": 1e6})
+    scenario = skysink.Scenario.load(ROOT / "scenarios" / "smoke.toml").replace(
+        {"slots": 20, "uav.count": 3, "uav.battery.capacity_j": 1e6}
+    )
     table = polars.read_parquet(skysink.parquet(skysink.simulate(scenario, "gfs").save(tmp_path / "run")))
     assert table["uav"].to_list()[:4] == [0, 1, 2, 0] and table["energy_j"].dtype == polars.Float64
 

@@ -99,7 +99,7 @@ def test_a_waypoint_of_another_shape_is_refused(waypoint: tuple[float, ...]) -> 
 def test_an_infeasible_plan_is_refused_and_counted(smoke: skysink.Scenario) -> None:
     class Away(skysink.Strategy):
         def plan(self, view: skysink.View) -> skysink.Decision:
-            return skysink.Decision((1e6, float("nan")), serve=[0, 0])
+            return skysink.Decision((1e6, 1e6), serve=[0, 0])
 
     flown = skysink.simulate(smoke, Away())
     assert flown.summary["refused"] == flown.summary["held_slots"] == 60

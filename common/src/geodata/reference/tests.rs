@@ -128,16 +128,20 @@ fn planes_without_a_place_on_earth_are_in_metres() {
 
 #[test]
 fn names_that_are_no_known_codes_are_refused_in_one_line() {
-    for name in ["", "25832", "EPSG:", "EPSG:99999", "EPSG:1", "ESRI:102100", "UTM 32N", "EPSG:4978", "EPSG:26710"] {
+    for name in ["", "99999", "EPSG:", "EPSG:99999", "EPSG:1", "ESRI:102100", "UTM 32N", "EPSG:4978", "EPSG:26710"] {
         let refused = ReferenceSystem::of_name(name).unwrap_err();
         assert!(
             refused.starts_with(&format!("`{name}`: ")) && refused.contains("expected one whose shift"),
             "{refused}"
         );
     }
-    for name in
-        ["epsg:25832", " EPSG:25832 ", "urn:ogc:def:crs:EPSG::25832", "http://www.opengis.net/def/crs/EPSG/0/25832"]
-    {
+    for name in [
+        "25832",
+        "epsg:25832",
+        " EPSG:25832 ",
+        "urn:ogc:def:crs:EPSG::25832",
+        "http://www.opengis.net/def/crs/EPSG/0/25832",
+    ] {
         assert_eq!(ReferenceSystem::of_name(name).unwrap().to_string(), "EPSG:25832", "{name}");
     }
 }
@@ -146,6 +150,8 @@ fn names_that_are_no_known_codes_are_refused_in_one_line() {
 fn positions_outside_of_a_map_are_refused() {
     let system = ReferenceSystem::of_name("EPSG:25832").unwrap();
     let system = system.on_earth().unwrap();
+    let swapped = system.to_geodetic([5_777_687.0, 681_374.0]).unwrap_err();
+    assert!(swapped.ends_with("east and north: is the northing first, or in feet?"), "{swapped}");
     for position in [[11.65, 52.12], [7e7, 7e7], [681_421.0, 5.8e8], [f64::NAN, 1e6], [f64::INFINITY, 1e6]] {
         assert!(system.to_geodetic(position).unwrap_err().contains(": expected "), "{position:?}");
     }
