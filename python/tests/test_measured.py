@@ -236,6 +236,8 @@ def test_rows_before_the_first_fix_are_named_by_line(empty: str, capsys: pytest.
         (HEAD + "0,1,2,30,a,400\n", "line 2: snr_db = 400: expected a number from −300 to 300"),
         (HEAD + "0,1,2,30,,5\n", "line 2: sensor = : expected a name or an id, as there is an SNR"),
         (HEAD + "0,1,2\n", "line 2: 3 fields: expected 6, as in the header"),
+        (HEAD.replace("z_m", "x_m") + "0,1,2,30,a,5\n", "line 1: column `x_m`: expected it once"),
+        (HEAD + '0,1,2,30,"' + "a" * 200_000 + "\n", "field larger than field limit (131072): expected fields whose quotes end"),
         (HEAD + "0,1,2,30,a,5\n1,1,2,30,a,5,7\n", "line 3: 7 fields: expected 6, as in the header"),
         (HEAD + "1,1,2,30,a,5\n0,1,2,30,a,5\n", "line 3: time_s = 0: expected at least 1, as before"),
         (HEAD + "1,1,2,30,a,5\n1,1,3,30,a,5\n", "line 3: time_s = 1: expected one place at one time"),
