@@ -22,7 +22,7 @@ use skysink_mission::folder::FolderLayout;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::{RunFolder, is_recording};
 use skysink_mission::replay::RecordedRun;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_planner::settings;
 use skysink_ring::role::Role;
 

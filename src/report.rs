@@ -11,18 +11,17 @@ use clap::Args;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
 #[cfg(feature = "lab")]
 use indicatif::HumanDuration;
-use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
-use skysink_common::node_energy::NodeEnergyUse;
-use skysink_common::pace::Pace;
+use skysink_common::figure::ReportRow;
 use skysink_common::terminal::{printable, shell_path};
 #[cfg(feature = "lab")]
 use skysink_lab::progress::LabProgress;
 #[cfg(feature = "lab")]
 use skysink_lab::statistics::Concentration;
-use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{EnergyUse, FleetUse, Summary, Tally};
+use skysink_mission::summary::Summary;
+use skysink_mission::tally::Tally;
 #[cfg(feature = "lab")]
 use skysink_ring::role::Role;
 
@@ -142,39 +141,6 @@ impl OutputForm {
     }
 }
 
-/// What bases, batteries and duty cycles add to the table of a summary.
-fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
-    let mut rows = Vec::new();
-    if let Some(energy) = &summary.energy {
-        let EnergyUse { used_j, charged_j, left_j, charged_s, pad_wait_s, return_slots, down_slot } = energy;
-        rows.push(("energy used / charged", format!("{used_j:.0} J / {charged_j:.0} J")));
-        rows.push(("energy left", format!("{left_j:.0} J")));
-        rows.push(("time charging", format!("{charged_s:.0} s")));
-        rows.extend(pad_wait_s.map(|pad_wait_s| ("time waiting for a pad", format!("{pad_wait_s:.0} s"))));
-        rows.push(("slots of the way home", HumanCount(*return_slots).to_string()));
-        rows.extend(down_slot.map(|slot| ("down in slot", slot.to_string())));
-    }
-    if let Some(nodes) = &summary.node_energy {
-        let NodeEnergyUse { used_j, harvested_j, dead, first_death_s, .. } = nodes;
-        rows.push(("energy of SNs used / harvested", format!("{} J / {} J", figure(*used_j), figure(*harvested_j))));
-        let first = first_death_s.map_or_else(String::new, |death_s| format!(", the first after {death_s} s"));
-        rows.push(("dead SNs", format!("{dead}{first}")));
-    }
-    rows.extend(summary.refused_duty.map(|refused| ("services without airtime", HumanCount(refused).to_string())));
-    rows.extend(summary.landed.map(|landed| ("in the base at the end", if landed { "yes" } else { "no" }.to_owned())));
-    rows
-}
-
-/// A number with six decimals, or fewer if it is large.
-pub(crate) fn figure(number: f64) -> String {
-    match number.abs() {
-        ..10.0 => format!("{number:.6}"),
-        10.0..1e4 => format!("{number:.2}"),
-        1e4..1e9 => format!("{number:.0}"),
-        _ => format!("{number:.4e}"),
-    }
-}
-
 /// Prints the results of a run, its folder, and how to open the recording.
 pub(crate) fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let timing = &summary.timing;
@@ -192,59 +158,8 @@ pub(crate) fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Err
         }
     }
     let mut table = table();
-    let mut rows = vec![
-        ("data loss rate η", format!("{:.6}", summary.loss_rate)),
-        ("η as in the paper", format!("{:.6}", summary.eta_letter)),
-        ("bits queued at start", HumanCount(summary.totals.initial_bits).to_string()),
-        ("bits sampled", HumanCount(summary.totals.sampled_bits).to_string()),
-        ("bits delivered", HumanCount(summary.totals.delivered_bits).to_string()),
-        ("bits lost", HumanCount(summary.totals.lost_bits).to_string()),
-        ("bits queued at end", HumanCount(summary.totals.queued_bits).to_string()),
-        ("bits per waypoint", format!("{:.1}", summary.bits_per_waypoint)),
-        ("SNs served per slot", format!("{:.3}", summary.mean_served)),
-        ("slots in transit", HumanCount(summary.transit_slots).to_string()),
-        ("slots held", HumanCount(summary.held_slots).to_string()),
-        ("requests refused", HumanCount(summary.refused).to_string()),
-        ("messages refused", HumanCount(summary.refused_messages).to_string()),
-        ("processes restarted", HumanCount(summary.restarts).to_string()),
-        ("plan time p50 / p99", format!("{:.1} µs / {:.1} µs", timing.plan_p50_us, timing.plan_p99_us)),
-        ("slots per second", format!("{:.0}", timing.slots_per_s)),
-    ];
-    if let Some(weighted) = summary.weighted_loss_rate {
-        rows.insert(1, ("weighted data loss rate η_w", format!("{weighted:.6}")));
-    }
-    if let Some(score) = summary.score {
-        let completed = summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s"));
-        rows.insert(1, ("all data delivered after", completed));
-        rows.insert(1, ("score", figure(score)));
-    }
-    if let Some(objective) = summary.objective {
-        rows.insert(0, ("cost by planner.objective", figure(objective)));
-    }
-    if let Some(FleetUse { uavs, contended, min_separation_m }) = &summary.fleet {
-        rows.push(("UAVs", uavs.to_string()));
-        rows.push(("requests contended", HumanCount(*contended).to_string()));
-        rows.extend(min_separation_m.map(|least_m| ("least distance of two UAVs", format!("{least_m:.2} m"))));
-    }
-    rows.extend(energy_rows(summary));
-    if timing.pace.is_some_and(|pace| pace != Pace::Max) {
-        rows.push(("deadlines missed", HumanCount(timing.missed_deadlines).to_string()));
-        rows.push(("late slots", HumanCount(timing.late_slots).to_string()));
-    }
-    if let Some(latency) = timing.latency.filter(|_| timing.pace != Some(Pace::Max)) {
-        let spread = |spread: Spread| {
-            let Spread { p50_us, p99_us, p999_us, max_us } = spread;
-            format!("{p50_us:.0} / {p99_us:.0} / {p999_us:.0} / {max_us:.0} µs")
-        };
-        rows.push(("latency p50 / p99 / p99.9 / max", String::new()));
-        rows.push(("  queues to plan", spread(latency.queues_to_plan)));
-        rows.push(("  slot start to flight", spread(latency.to_flight)));
-        rows.push(("  flight to queues", spread(latency.flight_to_queues)));
-        rows.push(("  slot start to next plan", spread(latency.slot)));
-        rows.extend(latency.jitter.map(|jitter| ("  jitter of the slot start", spread(jitter))));
-    }
-    for (name, value) in rows {
-        table.add_row([name, &value]);
+    for ReportRow { heading, value } in Summary::FIGURES.iter().flat_map(|figure| figure.rows(summary)) {
+        table.add_row([heading, &value]);
     }
     print(with_numbers_from(1, table))?;
     print(format_args!("Run folder:      {}", folder.path().display()))?;

@@ -12,7 +12,8 @@ use skysink_common::stop::Stop;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{OperatorUse, Summary, Tally};
+use skysink_mission::summary::{OperatorUse, Summary};
+use skysink_mission::tally::Tally;
 use skysink_mission::{Mission, MissionError};
 #[cfg(feature = "viewer")]
 use skysink_viewer::{Scene, Sinks, SlotView, WallClock};

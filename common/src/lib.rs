@@ -17,6 +17,7 @@ pub mod csv_cell;
 mod csv_rows;
 pub mod error;
 pub mod estimate;
+pub mod figure;
 pub mod file_locks;
 pub mod geodata;
 pub mod geometry;

@@ -19,7 +19,7 @@ use skysink_mission::Mission;
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;

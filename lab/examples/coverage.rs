@@ -12,12 +12,12 @@ use std::error::Error;
 use std::path::Path;
 
 use rand::{Rng, RngExt};
+use skysink_common::figure::Support;
 use skysink_common::random::{Purpose, Streams};
 use skysink_lab::statistics::{Concentration, MeanInterval};
 use skysink_lab::sweep::folder::FlownSweep;
 use skysink_lab::sweep::results::named;
 use skysink_mission::metrics::Metric;
-use skysink_mission::metrics::Support;
 
 /// Samples of each size.
 const SAMPLES: u32 = 2_000;

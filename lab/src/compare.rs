@@ -15,7 +15,8 @@ use crate::statistics::{Concentration, MeanInterval, holm, paired_differences};
 use crate::sweep::definition::Definition;
 use crate::sweep::journal::{MissionRows, missions_of};
 use crate::unflown::UnflownFlights;
-use skysink_mission::metrics::{Metric, MetricValues, MissionMeter};
+use skysink_mission::meter::MissionMeter;
+use skysink_mission::metrics::{Metric, MetricValues};
 
 /// A strategy over several fields, or a run, in a comparison.
 #[derive(Debug, Clone)]

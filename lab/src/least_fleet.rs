@@ -26,7 +26,7 @@ use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
 use crate::sweep::results::{AxisType, number};
 use crate::unflown::UnflownFlights;
-use skysink_mission::metrics::Support;
+use skysink_common::figure::Support;
 use skysink_mission::unflown::UnflownPlans;
 
 /// What is asked.

@@ -26,7 +26,8 @@ use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
 use crate::unflown::UnflownFlights;
 use skysink_mission::bounds::{MissionBounds, bounds, fraction, loss_rate};
-use skysink_mission::metrics::{Metric, MissionMeter};
+use skysink_mission::meter::MissionMeter;
+use skysink_mission::metrics::Metric;
 
 /// Search steps of the trial that measures the speed of the search.
 const TRIAL_STEPS: u64 = 100_000;

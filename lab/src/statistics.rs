@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use skysink_mission::metrics::Support;
+use skysink_common::figure::Support;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// The confidence limits of the mean for a half-width (t quantile times standard error) on the linear scale. Delta

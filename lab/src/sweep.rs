@@ -37,7 +37,7 @@ use journal::{MissionRow, SweepJournal};
 use plan::Sweep;
 use shard::Shard;
 use skysink_mission::bounds::bounds;
-use skysink_mission::metrics::MissionMeter;
+use skysink_mission::meter::MissionMeter;
 
 /// Simulates the missing missions of a shard on at most `threads` threads, 0 for one per core, writes the results into
 /// the folder `out`, and returns the journal. Calling it again resumes an interrupted sweep.

@@ -16,7 +16,7 @@ use skysink_mission::Mission;
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 
 /// A small instance that many tests fly.
 const SMALL: &str = "sks-small-5a";

@@ -9,9 +9,12 @@
 //! | [`record`], [`origin`] | the run folder; its `run.toml` |
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
 //! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
-//! | [`metrics`], `trapped` | the metrics of a mission; UAVs that stay in one part of the area |
+//! | [`figures`], [`metrics`] | the table of all figures of a mission; those that are columns of sweeps |
+//! | [`tally`], [`meter`] | the sums that figures are computed from; those that need the field |
+//! | `trapped` | UAVs that stay in one part of the area |
 //! | [`bounds`] | what no flight exceeds |
-//! | [`summary`], `losses`, [`sensor_results`] | the results of a run; those of each sensor node |
+//! | [`summary`], `losses`, [`sensor_results`] | parts of the results of a run; those of each sensor node |
+//! | [`numbers`] | numbers as reports print them |
 //! | [`unflown`] | plans that were not flown as they were decided |
 //! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
 //! | [`latency`] | latencies of the ring |
@@ -22,12 +25,15 @@ pub mod ages;
 pub mod bounds;
 pub mod drive;
 pub mod error;
+pub mod figures;
 pub mod files;
 pub mod folder;
 pub mod latency;
 mod losses;
+pub mod meter;
 pub mod metrics;
 pub mod mission;
+pub mod numbers;
 pub mod origin;
 pub mod plant;
 pub mod record;
@@ -37,6 +43,7 @@ pub mod sensor_results;
 pub mod service_gaps;
 pub mod slot_log;
 pub mod summary;
+pub mod tally;
 pub mod trace;
 mod trapped;
 pub mod unflown;

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use skysink_common::error::InputError;
+use skysink_common::figure::FigureSource;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord};
@@ -18,7 +19,8 @@ use crate::origin::RunMode;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::recorded::Recorded;
-use crate::summary::{Summary, Tally};
+use crate::summary::Summary;
+use crate::tally::Tally;
 use crate::trace::RecordedSlot;
 
 /// A recorded mission that is flown again.
@@ -92,7 +94,7 @@ impl Replay {
         drive(&mut self.plant, &mut self.trace, &mut observers, stop)?.unless_stopped()?;
         self.trace.finish(&self.plant)?;
         self.trace.check_end(&self.summary)?;
-        self.summary.recompute(self.tally.summary(Duration::ZERO, self.trace.log().hash()));
+        self.recompute(FigureSource::Links);
         Ok(())
     }
 
@@ -110,19 +112,16 @@ impl Replay {
             stop.check()?;
         }
         self.trace.check_end(&self.summary)?;
-        let mut again = self.tally.summary(Duration::ZERO, self.trace.log().hash());
-        // The trace does not say which SNs lose bits, and what each has sent.
-        again.eta_letter = self.summary.eta_letter;
-        again.weighted_loss_rate = self.summary.weighted_loss_rate;
-        again.objective = self.summary.objective;
-        again.expired_bits = self.summary.expired_bits;
-        again.node_energy = self.summary.node_energy;
-        again.refused_duty = self.summary.refused_duty;
-        if again.node_energy.is_some() || again.refused_duty.is_some() {
-            again.mean_served = self.summary.mean_served; // some may not have answered
-        }
-        self.summary.recompute(again);
+        // The trace does not say which served SNs have answered.
+        let known = if self.scenario.may_refuse() { FigureSource::Trace } else { FigureSource::Answers };
+        self.recompute(known);
         Ok(())
+    }
+
+    /// Replaces the figures of the summary that follow from what is `known`.
+    fn recompute(&mut self, known: FigureSource) {
+        let again = self.tally.summary(Duration::ZERO, self.trace.log().hash());
+        self.summary.recompute(again, known);
     }
 }
 

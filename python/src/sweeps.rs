@@ -18,7 +18,8 @@ use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
 use skysink_mission::files::write_whole;
-use skysink_mission::metrics::{MetricValues, MissionMeter};
+use skysink_mission::meter::MissionMeter;
+use skysink_mission::metrics::MetricValues;
 use toml::Table;
 
 use crate::errors::{of_lab, of_mission, refused};

@@ -16,8 +16,9 @@ use skysink_mission::record::{RunFolder, is_run_folder};
 
 use crate::error::Error;
 use crate::options::{NewFolder, strategy};
-use crate::report::{OutputForm, figure, print, table, with_numbers_from};
+use crate::report::{OutputForm, print, table, with_numbers_from};
 use crate::simulate::simulate;
+use skysink_mission::numbers::figure;
 
 /// Named instances with the best known flight of each, to compare planners on.
 #[derive(Debug, Args)]

@@ -11,9 +11,10 @@ use skysink_planner::strategy::Registered;
 
 use crate::error::{Error, ended_early};
 use crate::options::{Changes, NewFolder, RecordingOptions, ScenarioFile};
-use crate::report::{OutputForm, TerminalProgress, figure, print, print_run, table, with_numbers_from};
+use crate::report::{OutputForm, TerminalProgress, print, print_run, table, with_numbers_from};
 use crate::simulate::simulate;
 use crate::unflown::warn_of_flights;
+use skysink_mission::numbers::figure;
 
 /// Search for the best flight by planner.objective and compare all strategies with it.
 #[derive(Debug, Args)]

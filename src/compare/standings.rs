@@ -5,7 +5,8 @@ use skysink_lab::statistics::limits_text;
 use skysink_mission::metrics::Metric;
 
 use crate::error::Error;
-use crate::report::{figure, print, table, with_numbers_from};
+use crate::report::{print, table, with_numbers_from};
+use skysink_mission::numbers::figure;
 
 /// A column: its heading, and one cell per contender.
 struct Column {

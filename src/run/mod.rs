@@ -24,7 +24,8 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{OperatorUse, Summary, Tally};
+use skysink_mission::summary::{OperatorUse, Summary};
+use skysink_mission::tally::Tally;
 use skysink_planner::settings;
 use skysink_planner::strategy::Registered;
 

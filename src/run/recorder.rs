@@ -11,7 +11,7 @@ use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
 use skysink_mission::drive::SlotSink;
 use skysink_mission::latency::SlotTimes;
 use skysink_mission::slot_log::SlotLog;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_ring::error::RingError;
 use skysink_ring::health::{ProcessEvent, Ready};
 use skysink_ring::reader::Reader;

@@ -24,7 +24,7 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::recorded::Recorded;
 use skysink_mission::slot_log::SlotLog;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{MissionError, Plant, drive};
 use skysink_planner::FleetPlanner;

@@ -10,7 +10,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 use skysink_common::terminal::shell_word;
 use skysink_mission::origin::RunMode;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_ring::cleanup::Janitor;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::home::clear_abandoned;

@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::SlotHeader;
-use skysink_mission::summary::{Event, Tally};
+use skysink_mission::summary::Event;
+use skysink_mission::tally::Tally;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Health, ProcessEvent};
 use skysink_ring::role::{Role, last_heartbeat, start_count};

@@ -20,7 +20,7 @@ use skysink_mission::drive::SlotSink;
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
@@ -100,7 +100,7 @@ fn fly_in_threads<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out:
     });
     let ours = tally.summary(Duration::ZERO, log.hash());
     assert!(ours.complete);
-    (fs::read_to_string(out.join("slots.csv")).unwrap(), seen, ours.totals.queued_bits)
+    (fs::read_to_string(out.join("slots.csv")).unwrap(), seen, ours.queued_bits)
 }
 
 /// Observes a ring from before its nodes start.

@@ -12,7 +12,7 @@ use skysink_mission::drive::SlotSink;
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::settings;
 

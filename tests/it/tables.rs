@@ -132,14 +132,28 @@ fn block<'a>(text: &'a str, begin: &str, end: &str) -> Option<&'a str> {
     Some(&body[..body.find(end)?])
 }
 
+/// The keys of a table of figures `name`, as fields; `None` if `text` does not declare it.
+fn keys_of(text: &str, name: &str) -> Option<Vec<Documented>> {
+    let body = block(text, &format!("struct {name} of "), "\n}\n")?;
+    let key = |item: Documented| {
+        let (key, _) = item.line.split_once(" = ")?;
+        let (name, kind) = key.split_once(": ")?;
+        let name = name.split_once(" (").map_or(name, |(name, _)| name);
+        Some(Documented { line: format!("{name}: {kind}"), ..item })
+    };
+    Some(documented(body).into_iter().filter(|item| !item.words.is_empty()).filter_map(key).collect())
+}
+
 /// The fields or values of the type `name`, which is one of a kind.
 fn body_of(name: &str) -> Vec<Documented> {
     let members = crates(root()).into_iter().map(|folder| root().join(folder));
     let folders = members.chain([root().to_owned()]).map(|folder| folder.join("src"));
     let texts = folders.flat_map(|folder| sources(&folder)).map(|path| fs::read_to_string(path).unwrap());
     let declarations = [format!("struct {name} {{"), format!("enum {name} {{")];
-    let mut bodies =
-        texts.filter_map(|text| declarations.iter().find_map(|line| Some(documented(block(&text, line, "\n}\n")?))));
+    let mut bodies = texts.filter_map(|text| {
+        let declared = declarations.iter().find_map(|line| Some(documented(block(&text, line, "\n}\n")?)));
+        declared.or_else(|| keys_of(&text, name))
+    });
     bodies.next().unwrap_or_else(|| panic!("{name}: expected a type with fields or values"))
 }
 
@@ -166,6 +180,7 @@ fn rows(name: &str, prefix: &str, types: &[&str]) -> String {
         let line = line.trim_start_matches("pub(crate) ").trim_start_matches("pub ").trim_end_matches([',', ' ', '{']);
         let is_absent = attributes.contains("skip_serializing_if");
         let words = words.replace("`None`", if is_absent { "absent" } else { "null" });
+        let words = if is_absent { words.replace("no value", "absent") } else { words };
         let Some((key, kind)) = line.split_once(": ") else {
             rows += &format!("| `{}` | {words} |\n", kebab_case(line));
             continue;

@@ -6,7 +6,7 @@ use std::thread;
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
-use skysink_common::message::{Mode, Plan, Totals};
+use skysink_common::message::{Mode, Plan};
 use skysink_common::scenario::Overrides;
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
@@ -106,8 +106,8 @@ fn the_results_of_a_vehicle_with_another_channel_follow_its_trace() {
 
     let folder = RunFolder::reopen(&place.path("run")).unwrap();
     let written = folder.summary().unwrap();
-    let totals = Totals { delivered_bits: 1, lost_bits: 2, ..written.totals };
-    let forged = Summary { loss_rate: 0.5, held_slots: 7, mean_served: 9.0, totals, ..written };
+    let forged =
+        Summary { loss_rate: 0.5, held_slots: 7, mean_served: 9.0, delivered_bits: 1, lost_bits: 2, ..written };
     folder.write_summary(&forged).unwrap(); // with a valid check value
     drop(folder);
     assert_eq!(reported(), summary);

@@ -7,7 +7,7 @@ use super::axis::{Axis, Panel};
 use super::page::{Look, MARGIN, Page, line, stroke};
 use super::style::SeriesStyle;
 use crate::error::LabError;
-use skysink_mission::metrics::Support;
+use skysink_common::figure::Support;
 
 /// Lower end of the x axis with its labels, for a screen [units].
 const BOTTOM: f64 = 970.0;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use super::chart::{CurvePoint, Series};
 use crate::statistics::{MeanInterval, paired_differences};
-use skysink_mission::metrics::Support;
+use skysink_common::figure::Support;
 
 /// The values of a curve.
 #[derive(Debug, Clone)]

@@ -2,8 +2,8 @@
 
 use super::chart::{Chart, CurvePoint};
 use crate::statistics::{limits_text, told_decimals};
+use skysink_common::figure::Support;
 use skysink_common::markup::{latex, markdown};
-use skysink_mission::metrics::Support;
 
 /// The numbers of a figure.
 #[derive(Debug, Clone, PartialEq)]

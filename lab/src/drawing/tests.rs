@@ -10,7 +10,7 @@ use super::page::{self, Look};
 use super::style;
 use super::table::TableCells;
 use crate::error::LabError;
-use skysink_mission::metrics::Support;
+use skysink_common::figure::Support;
 
 fn series(label: &str, points: &[(f64, f64, f64)]) -> Series {
     let points = points

@@ -4,11 +4,13 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::base::Base;
+use skysink_common::figure::{FigureSource, FigureValue, ReportRow};
 use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::slot_record::SlotRecord;
 use skysink_planner::operator_counts::OperatorCounts;
 
-use super::is_late;
+use crate::numbers::grouped;
+use crate::tally::is_late;
 
 /// What became of the changes that an operator of a search proposed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,9 +40,25 @@ pub struct FleetUse {
     pub min_separation_m: Option<f64>,
 }
 
+impl FigureValue for FleetUse {
+    /// Which requests were contended only the run knows.
+    fn recompute(&mut self, again: Self, _known: FigureSource) {
+        *self = Self { contended: self.contended, ..again };
+    }
+}
+
 impl FleetUse {
+    /// Its rows of the printed report.
+    pub(crate) fn report(fleet: Option<&Self>) -> Vec<ReportRow> {
+        let Some(Self { uavs, contended, min_separation_m }) = fleet else { return Vec::new() };
+        let row = |heading, value| ReportRow { heading, value };
+        let mut rows = vec![row("UAVs", uavs.to_string()), row("requests contended", grouped(*contended))];
+        rows.extend(min_separation_m.map(|least_m| row("least distance of two UAVs", format!("{least_m:.2} m"))));
+        rows
+    }
+
     /// Adds a slot.
-    pub(super) fn add(&mut self, record: &SlotRecord, base: Option<&Base>) {
+    pub(crate) fn add(&mut self, record: &SlotRecord, base: Option<&Base>) {
         let is_in_base = |flight: &FlightReport| base.is_some_and(|base| base.contains(&flight.position().xy()));
         for (uav, flight) in record.flights.iter().enumerate() {
             let lower = &record.flights[..uav];
@@ -75,9 +93,22 @@ pub struct EnergyUse {
     pub down_slot: Option<u64>,
 }
 
+impl FigureValue for EnergyUse {}
+
 impl EnergyUse {
+    /// The rows of the printed report that are not of a column.
+    pub(crate) fn report(energy: Option<&Self>) -> Vec<ReportRow> {
+        let Some(energy) = energy else { return Vec::new() };
+        let Self { used_j, charged_j, return_slots, down_slot, .. } = energy;
+        let row = |heading, value| ReportRow { heading, value };
+        let mut rows = vec![row("energy used / charged", format!("{used_j:.0} J / {charged_j:.0} J"))];
+        rows.push(row("slots of the way home", grouped(*return_slots)));
+        rows.extend(down_slot.map(|slot| row("down in slot", slot.to_string())));
+        rows
+    }
+
     /// The sum of that of several UAVs; the first slot in which one went down.
-    pub(super) fn sum(uses: &[Self]) -> Self {
+    pub(crate) fn sum(uses: &[Self]) -> Self {
         uses.iter().skip(1).fold(uses[0], |sum, one| Self {
             used_j: sum.used_j + one.used_j,
             charged_j: sum.charged_j + one.charged_j,
@@ -90,7 +121,7 @@ impl EnergyUse {
     }
 
     /// Adds a flight of `slot_s` [s].
-    pub(super) fn add(&mut self, slot: u64, slot_s: f64, flight: &FlightReport) {
+    pub(crate) fn add(&mut self, slot: u64, slot_s: f64, flight: &FlightReport) {
         let gained_j = flight.energy_j - self.left_j;
         self.left_j = flight.energy_j;
         match flight.flown_mode() {

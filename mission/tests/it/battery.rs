@@ -11,7 +11,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, UAV};
 use skysink_mission::drive::Observer;
 use skysink_mission::origin::RunMode;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::strategies::names;
 

@@ -7,7 +7,8 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::origin::RunMode;
-use skysink_mission::summary::{Summary, Tally};
+use skysink_mission::summary::Summary;
+use skysink_mission::tally::Tally;
 use skysink_mission::trace::TraceHash;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
@@ -51,12 +52,12 @@ fn expired_data_complete_nothing() {
     let csv = "x_m,y_m,queue_bits,sampling_bps\n190,190,900,0\n180,190,700,0\n";
     let list = SensorList::parse(csv, Path::new("s.csv"), &scenario).unwrap();
     let (summary, _) = flown_over(&scenario, &list);
-    assert_eq!((summary.totals.lost_bits, summary.totals.delivered_bits), (1_600, 0));
+    assert_eq!((summary.lost_bits, summary.delivered_bits), (1_600, 0));
     assert_eq!((summary.completed_s, summary.score), (None, Some(0.0)));
-    assert_eq!((summary.loss_rate, summary.totals.lost_slots, summary.eta_letter), (1.0, 0.0, 0.0));
+    assert_eq!((summary.loss_rate, summary.eta_letter), (1.0, 0.0));
     let mixed = list_with_a_sampling_node(&scenario);
     let (summary, _) = flown_over(&scenario, &mixed);
-    assert!(summary.eta_letter.is_finite() && summary.totals.lost_slots > 0.0, "{summary:?}");
+    assert!(summary.eta_letter.is_finite() && summary.eta_letter > 0.0, "{summary:?}");
 }
 
 /// A node that does not sample beside one that does.
@@ -126,11 +127,11 @@ fn what_expires_is_a_part_of_the_loss() {
     };
     for weights in [[1, 1], [3, 1]] {
         let summary = of_far("sensors.expiry_s = 12.9\n", weights);
-        assert_eq!((summary.totals.lost_bits, summary.expired_bits), (300 + 3_700, Some(4_000)), "{weights:?}");
-        assert_eq!((summary.totals.queued_bits, summary.loss_rate), (1_300, 4_000.0 / 5_300.0));
+        assert_eq!((summary.lost_bits, summary.expired_bits), (300 + 3_700, Some(4_000)), "{weights:?}");
+        assert_eq!((summary.queued_bits, summary.loss_rate), (1_300, 4_000.0 / 5_300.0));
     }
     let summary = of_far("sensors.expiry_s = 50.0\n", [1, 1]);
-    assert_eq!((summary.totals.lost_bits, summary.expired_bits), (0, Some(0)), "none in the mission");
+    assert_eq!((summary.lost_bits, summary.expired_bits), (0, Some(0)), "none in the mission");
     assert_eq!(of_far("", [1, 1]).expired_bits, None);
 }
 
@@ -168,7 +169,7 @@ fn a_plan_that_knows_the_expiry_loses_less() {
     for seed in 1..=5 {
         let keys = "sensors.initial_queue_mean_bits = 0.0\nsensors.expiry_s = 15.0\n";
         let scenario = scenario_of(&field(seed, keys), "horizon");
-        better += u32::from(flown(&scenario).0.totals.lost_bits < lost_blindly(&scenario));
+        better += u32::from(flown(&scenario).0.lost_bits < lost_blindly(&scenario));
     }
     assert!(better >= 4, "{better} of 5");
 }
@@ -184,7 +185,7 @@ fn no_flight_beats_the_bound_where_bits_expire() {
         ] {
             let scenario = scenario_of(&field(seed, keys), strategy);
             let list = SensorList::of(&scenario).unwrap();
-            let lost_bits = flown(&scenario).0.totals.lost_bits;
+            let lost_bits = flown(&scenario).0.lost_bits;
             let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
             assert!(bound.loss_bits <= lost_bits, "{strategy}, seed {seed}: {} {lost_bits}", bound.loss_bits);
             bounds += usize::from(bound.loss_bits > 0);

@@ -3,6 +3,7 @@
 mod assumed_link;
 mod battery;
 mod expiry;
+mod figures;
 mod finite;
 mod fleet;
 mod grid;

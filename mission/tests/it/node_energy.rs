@@ -12,7 +12,7 @@ use skysink_common::stop::Stop;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::sensor_results::SensorTally;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
 use skysink_planner::strategies::STRATEGIES;
@@ -97,14 +97,14 @@ fn what_the_dead_lose_is_a_part_of_the_loss_and_the_bound_holds() {
         let summary = tally.summary(Duration::ZERO, 0);
         let energy = summary.node_energy.unwrap();
         let charges = mission.plant().field().charges().unwrap();
-        assert!(charges.is_balanced() && summary.totals.is_balanced());
-        assert_eq!(energy, charges.summed_up(summary.totals.delivered_bits), "the summary sees what the field does");
+        assert!(charges.is_balanced() && mission.header().totals.is_balanced());
+        assert_eq!(energy, charges.summed_up(summary.delivered_bits), "the summary sees what the field does");
         assert!(energy.dead > 20 && energy.first_death_s < energy.half_dead_s, "{energy:?}");
-        assert!((1..=summary.totals.lost_bits).contains(&energy.lost_to_death_bits), "{energy:?}");
-        let per_bit_j = energy.used_j / summary.totals.delivered_bits as f64;
+        assert!((1..=summary.lost_bits).contains(&energy.lost_to_death_bits), "{energy:?}");
+        let per_bit_j = energy.used_j / summary.delivered_bits as f64;
         assert!((energy.energy_per_bit_j.unwrap() - per_bit_j).abs() < 1e-12 && summary.loss_rate <= 1.0);
         let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
-        assert!(bound.loss_bits <= summary.totals.lost_bits);
+        assert!(bound.loss_bits <= summary.lost_bits);
     }
 }
 

@@ -10,7 +10,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::origin::RunMode;
-use skysink_mission::summary::Tally;
+use skysink_mission::tally::Tally;
 use skysink_planner::bound::{cost_bound, mission_bound};
 use skysink_planner::settings::{ObjectiveWeights, Settings};
 

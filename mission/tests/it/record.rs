@@ -19,7 +19,8 @@ use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
 use skysink_mission::recorded::RecordedLines;
 use skysink_mission::slot_log::SlotLog;
-use skysink_mission::summary::{Summary, Tally};
+use skysink_mission::summary::{EnergyUse, Summary};
+use skysink_mission::tally::Tally;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use skysink_mission::{Mission, MissionError, Replay};
 use skysink_planner::settings;
@@ -227,7 +228,8 @@ fn figures_are_recomputed_from_the_trace_where_it_holds_them() {
     let written = folder.summary().unwrap();
     let (version, build) = ("0.0.1".into(), "of the program that flew".into());
     let measured = Summary { restarts: 3, solver_fallbacks: 2, version, build, ..written.clone() };
-    let forged = Summary { loss_rate: 0.5, held_slots: 7, totals: Totals::default(), ..measured.clone() };
+    let energy = Some(EnergyUse::default());
+    let forged = Summary { loss_rate: 0.5, held_slots: 7, lost_bits: 2, mean_served: 9.0, energy, ..measured.clone() };
     folder.write_summary(&forged).unwrap(); // with a valid check value
     drop(folder);
     assert_eq!(case.replayed(), Ok(json(&measured)));

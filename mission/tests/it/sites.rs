@@ -12,7 +12,8 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
-use skysink_mission::summary::{EnergyUse, RunTiming, Summary, Tally};
+use skysink_mission::summary::{EnergyUse, RunTiming, Summary};
+use skysink_mission::tally::Tally;
 use skysink_mission::trace::TraceHash;
 use skysink_mission::{Mission, Plant};
 

@@ -14,7 +14,7 @@ use skysink_mission::metrics::Metric;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 
-use super::{Documented, block, documented, plain, root};
+use super::{Documented, documented, plain, root};
 use crate::names::sources;
 use crate::support::Place;
 
@@ -100,12 +100,8 @@ fn module_documentation(text: &str) -> Vec<String> {
 
 /// The metrics with their units and definitions.
 pub fn metrics() -> String {
-    let text = read("mission/src/metrics.rs");
-    let rows = documented(block(&text, "metrics! {\n", "\n}\n").expect("the rows"));
-    let mut rows = rows.into_iter().filter(|item| !item.words.is_empty());
     let row = |metric: Metric| {
-        let Documented { line, words, .. } = rows.next().expect("a row for each metric");
-        assert!(line.contains(&format!("\"{}\"", metric.name())), "{line}: expected {}", metric.name());
+        let words = plain(metric.figure().definition.trim()).replace('|', "\\|");
         format!("| `{}` | {} | {words} |\n", metric.name(), metric.unit())
     };
     format!("| column | unit | definition |\n|---|---|---|\n{}", Metric::all().map(row).collect::<String>())

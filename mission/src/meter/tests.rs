@@ -16,7 +16,7 @@ fn flight(x_m: f64, served: &[u32]) -> FlightReport {
 }
 
 fn values<const N: usize>(meter: &MissionMeter, metrics: [Metric; N]) -> [f64; N] {
-    let values = meter.values_of(&Summary::default(), &[], 0.0, None);
+    let values = meter.values_of(&[], 0.0, RunTiming::default(), None);
     metrics.map(|metric| values[metric as usize])
 }
 
