@@ -19,8 +19,8 @@ use skysink_common::terminal::{printable, shell_path};
 use skysink_lab::progress::LabProgress;
 #[cfg(feature = "lab")]
 use skysink_lab::statistics::Concentration;
+use skysink_mission::figures::Summary;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::Summary;
 use skysink_mission::tally::Tally;
 #[cfg(feature = "lab")]
 use skysink_ring::role::Role;
@@ -97,11 +97,11 @@ impl TerminalProgress {
         if self.0.is_hidden() {
             return;
         }
-        let missed = match tally.missed_deadlines() {
+        let missed = match tally.sums.missed_deadlines() {
             0 => String::new(),
             missed => format!("  {missed} deadlines missed"),
         };
-        self.show(tally.last_slot(), slots, format!("loss {:.4}{missed}", tally.loss_rate()));
+        self.show(tally.sums.last_slot(), slots, format!("loss {:.4}{missed}", tally.sums.loss_rate()));
     }
 
     /// Writes a line to standard error without breaking the bar.

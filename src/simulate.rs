@@ -10,9 +10,10 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::stop::Stop;
 use skysink_mission::drive::{Observer, SlotSink};
+use skysink_mission::figures::Summary;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{OperatorUse, Summary};
+use skysink_mission::summary::OperatorUse;
 use skysink_mission::tally::Tally;
 use skysink_mission::{Mission, MissionError};
 #[cfg(feature = "viewer")]

@@ -3,7 +3,7 @@
 use skysink_common::scenario::Scenario;
 #[cfg(feature = "lab")]
 use skysink_lab::unflown::{UnflownFlights, text_of};
-use skysink_mission::summary::Summary;
+use skysink_mission::figures::Summary;
 use skysink_mission::unflown::{REASONS, UnflownPlans};
 use skysink_ring::role::Role;
 

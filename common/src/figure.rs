@@ -126,6 +126,8 @@ impl FigureValue for NodeEnergyUse {}
 pub trait FigureTable: 'static {
     /// What the figures are computed from.
     type Sums<'a>;
+    /// The figures that are counted slot by slot.
+    type Counts;
 }
 
 /// A row of a printed report.
@@ -174,7 +176,7 @@ pub struct Figure<T: FigureTable> {
     /// Its value in a summary; `None` if it is no key.
     pub of_key: Option<fn(&T) -> f64>,
     /// Its value in the results of sweeps, NaN if a mission has none; `None` if it is no column.
-    pub of_column: Option<for<'a> fn(&T::Sums<'a>) -> f64>,
+    pub of_column: Option<for<'a> fn(&T::Sums<'a>, &T::Counts) -> f64>,
 }
 
 impl<T: FigureTable> Figure<T> {
@@ -225,10 +227,7 @@ impl<T: FigureTable> Figure<T> {
 /// use skysink_common::figures;
 ///
 /// /// What the figures are computed from.
-/// struct Sums<'a> {
-///     served: &'a [u64],
-///     counts: &'a Counts,
-/// }
+/// struct Sums<'a>(&'a [u64]);
 /// /// A slot in which so many sensor nodes are served.
 /// struct Slot<'a>(&'a u64);
 ///
@@ -248,18 +247,18 @@ impl<T: FigureTable> Figure<T> {
 ///     /// Services.
 ///     served: u64 = REAL { label: "services", report: Report::Number(|served| served.to_string()) }, each |served, slot| *served += slot.0;
 ///     /// Largest number of services in a slot.
-///     most (Most) = REAL { label: "most services", source: FigureSource::Links }, |sums| *sums.served.iter().max().unwrap();
+///     most (Most) = REAL { label: "most services", source: FigureSource::Links }, |sums| *sums.0.iter().max().unwrap();
 ///     /// The mean.
-///     mean (Mean): f64 = REAL { label: "services per slot" }, |sums| sums.counts.served as f64 / sums.served.len() as f64;
+///     mean (Mean): f64 = REAL { label: "services per slot" }, |sums| sums.0.iter().sum::<u64>() as f64 / sums.0.len() as f64;
 /// }
 ///
 /// let slots = [1, 5];
 /// let mut counts = Counts::default();
 /// slots.iter().for_each(|served| counts.add(&Slot(served)));
-/// let sums = Sums { served: &slots, counts: &counts };
-/// let results = Results::of(&sums);
+/// let sums = Sums(&slots);
+/// let results = Results::of(&sums, &counts);
 /// assert_eq!(results, Results { served: 6, mean: 3.0 });
-/// assert_eq!(Column::ALL.map(|column| (column.figure().of_column.unwrap())(&sums)), [5.0, 3.0]);
+/// assert_eq!(Column::ALL.map(|column| (column.figure().of_column.unwrap())(&sums, &counts)), [5.0, 3.0]);
 /// assert_eq!(Results::FIGURES[0].rows(&results)[0].value, "6");
 /// ```
 #[macro_export]
@@ -293,14 +292,14 @@ macro_rules! figures {
             @row [$table $sums $counts $slot $columns]
             $table_attributes $counts_attributes $columns_attributes
             [$($keys)* {
-                [$(#[doc = $definition])+ $(#[serde($($serde)*)])?] $name: $type, |sums| sums.counts.$name.clone()
+                [$(#[doc = $definition])+ $(#[serde($($serde)*)])?] $name: $type, [counted $name]
             }]
             [$($counted)* { [$(#[doc = $definition])+] $name: $type, $each }]
             [$($figures)* $crate::figure::Figure {
                 name: stringify!($name),
                 definition: concat!($($definition),+),
                 of_key: Some(|table: &$table| $crate::figure::FigureValue::number(&table.$name)),
-                of_column: $crate::figures!(@column $sums [$($variant)?] |sums| sums.counts.$name.clone()),
+                of_column: $crate::figures!(@column $sums $counts [$($variant)?] [counted $name]),
                 $($said: $what,)*
                 ..$kind
             },]
@@ -320,13 +319,13 @@ macro_rules! figures {
         $crate::figures! {
             @row [$table $sums $counts $slot $columns]
             $table_attributes $counts_attributes $columns_attributes
-            [$($keys)* { [$(#[doc = $definition])+ $(#[serde($($serde)*)])?] $name: $type, $of }]
+            [$($keys)* { [$(#[doc = $definition])+ $(#[serde($($serde)*)])?] $name: $type, [of $of] }]
             [$($counted)*]
             [$($figures)* $crate::figure::Figure {
                 name: stringify!($name),
                 definition: concat!($($definition),+),
                 of_key: Some(|table: &$table| $crate::figure::FigureValue::number(&table.$name)),
-                of_column: $crate::figures!(@column $sums [$($variant)?] $of),
+                of_column: $crate::figures!(@column $sums $counts [$($variant)?] [of $of]),
                 $($said: $what,)*
                 ..$kind
             },]
@@ -350,7 +349,7 @@ macro_rules! figures {
             [$($figures)* $crate::figure::Figure {
                 name: stringify!($name),
                 definition: concat!($($definition),+),
-                of_column: $crate::figures!(@column $sums [$variant] $of),
+                of_column: $crate::figures!(@column $sums $counts [$variant] [of $of]),
                 $($said: $what,)*
                 ..$kind
             },]
@@ -358,18 +357,22 @@ macro_rules! figures {
             $($rest)*
         }
     };
-    (@column $sums:ident [] $of:expr) => { None };
-    (@column $sums:ident [$variant:ident] $of:expr) => {
-        Some(|sums: &$sums<'_>| {
-            let of: for<'a> fn(&$sums<'a>) -> _ = $of;
-            $crate::figure::FigureValue::number(&of(sums))
+    (@column $sums:ident $counts:ident [] $how:tt) => { None };
+    (@column $sums:ident $counts:ident [$variant:ident] $how:tt) => {
+        Some(|sums: &$sums<'_>, counts: &$counts| {
+            $crate::figure::FigureValue::number(&$crate::figures!(@value $sums, _, $how, sums, counts))
         })
     };
+    (@value $sums:ident, $type:ty, [counted $name:ident], $from:ident, $counts:ident) => { $counts.$name.clone() };
+    (@value $sums:ident, $type:ty, [of $of:expr], $from:ident, $counts:ident) => {{
+        let of: for<'a> fn(&$sums<'a>) -> $type = $of;
+        of($from)
+    }};
     // All rows are read.
     (
         @row [$table:ident $sums:ident $counts:ident $slot:ident $columns:ident]
         [$($table_attribute:tt)*] [$($counts_attribute:tt)*] [$($columns_attribute:tt)*]
-        [$({ [$($key_attribute:tt)*] $key:ident: $key_type:ty, $of:expr })*]
+        [$({ [$($key_attribute:tt)*] $key:ident: $key_type:ty, $how:tt })*]
         [$({ [$($counted_attribute:tt)*] $counted:ident: $counted_type:ty, $each:expr })*]
         [$($figures:tt)*]
         [$({ $column:ident $variant:ident })*]
@@ -379,20 +382,19 @@ macro_rules! figures {
 
         impl $crate::figure::FigureTable for $table {
             type Sums<'a> = $sums<'a>;
+            type Counts = $counts;
         }
 
         impl $table {
             /// All figures, in the order of the table.
+            #[allow(unused_variables)] // a value is that of the sums or a count
             pub const FIGURES: &'static [$crate::figure::Figure<Self>] = &[$($figures)*];
 
-            /// The figures of these sums.
+            /// The figures of these sums and counts.
             #[must_use]
-            pub fn of(sums: &$sums<'_>) -> Self {
+            pub fn of(sums: &$sums<'_>, counts: &$counts) -> Self {
                 Self {
-                    $($key: {
-                        let of: for<'a> fn(&$sums<'a>) -> $key_type = $of;
-                        of(sums)
-                    },)*
+                    $($key: $crate::figures!(@value $sums, $key_type, $how, sums, counts),)*
                 }
             }
 

@@ -70,8 +70,8 @@ impl Contender {
         let mut meter = MissionMeter::new(replay.scenario(), replay.list());
         replay.drive(&mut [&mut meter], stop)?;
         let planned = replay.scenario().slots;
-        if meter.tally().last_slot() != planned {
-            let flown = meter.tally().last_slot();
+        if meter.tally().sums.last_slot() != planned {
+            let flown = meter.tally().sums.last_slot();
             let message = format_args!("it ended early, after slot {flown} of {planned}: expected a complete run");
             return Err(InputError::new("run folder", folder, message).into());
         }

@@ -1,7 +1,7 @@
 //! The figures of a mission: a row of this table makes the key of `summary.json`, the column of a sweep's results, the
 //! row of the printed report, and what plots, LaTeX, Python and the book say of it.
 //!
-//! The sums that figures are computed from are left to [`crate::tally`] and [`crate::meter`].
+//! The sums that figures are computed from are left to [`crate::sums`].
 
 use std::borrow::Cow;
 
@@ -13,9 +13,9 @@ use skysink_common::message::{Mode, SolverOutcome};
 use skysink_common::node_energy::NodeEnergyUse;
 use strum::{EnumCount, VariantArray};
 
-use crate::numbers::{figure, grouped};
+use crate::numbers::{figure, grouped, jain};
 use crate::summary::{EnergyUse, Event, FleetUse, OperatorUse, RunTiming};
-use crate::tally::{FlownSlot, MissionSums};
+use crate::sums::{CountedSlot, MissionSums};
 
 type Row = Figure<Summary>;
 
@@ -42,72 +42,72 @@ figures! {
     pub struct Summary of MissionSums;
     /// The figures that are counted slot by slot.
     #[derive(Debug, Clone, Default)]
-    pub struct SlotCounts of FlownSlot;
+    pub struct SlotCounts of CountedSlot;
     /// A metric, which is a column of the results.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, EnumCount, VariantArray)]
     pub enum Metric;
 
     /// Name of the scenario.
-    name: String = OTHER {}, |m| m.tally.labels.name.clone();
+    name: String = OTHER {}, |m| m.run.labels.name.clone();
     /// Strategy, or the label of an external planner.
-    strategy: String = OTHER {}, |m| m.tally.labels.strategy.clone();
+    strategy: String = OTHER {}, |m| m.run.labels.strategy.clone();
     /// Roles of external processes; a strategy in Python is an external planner.
     #[serde(default)] // runs of older builds do not say
-    external: Vec<String> = OTHER {}, |m| m.tally.labels.external.clone();
+    external: Vec<String> = OTHER {}, |m| m.run.labels.external.clone();
     /// Seed.
-    seed: u64 = OTHER {}, |m| m.tally.labels.seed;
+    seed: u64 = OTHER {}, |m| m.run.labels.seed;
     /// Slots flown.
-    slots: u64 = OTHER {}, |m| m.tally.slots;
+    slots: u64 = OTHER {}, |m| m.run.slots;
     /// Slots of the scenario.
-    planned_slots: u64 = OTHER {}, |m| m.tally.labels.planned_slots;
+    planned_slots: u64 = OTHER {}, |m| m.run.labels.planned_slots;
     /// Sensor nodes.
-    sensors: usize = OTHER {}, |m| m.tally.labels.sensors;
+    sensors: usize = OTHER {}, |m| m.run.labels.sensors;
 
     /// η = Σ_t Σ_i D_i(t) / (Σ_i s_i τ T), bits lost over bits sampled (decision D3).
-    loss_rate (LossRate): f64 = FRACTION { label: "data loss rate η", report: RATE }, |m| m.tally.loss_rate();
+    loss_rate (LossRate): f64 = FRACTION { label: "data loss rate η", report: RATE }, |m| m.run.loss_rate();
     /// Σ_i Σ_t D_i(t) / (s_i τ T), the paper's figure, which grows with N (decision D3).
     eta_letter (EtaLetter): f64 = REAL { label: "η as in the paper", source: FigureSource::Links, report: RATE },
-        |m| m.tally.eta_letter();
+        |m| m.run.eta_letter();
     /// η_w, by the weights of the sensor list (decision D25); no value where all weights are equal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     weighted_loss_rate (WeightedLossRate): Option<f64> = FRACTION {
         label: "weighted data loss rate η_w", source: FigureSource::Links, report: RATE
-    }, |m| m.tally.weighted_loss_rate();
+    }, |m| m.run.weighted_loss_rate();
     /// Bits queued before slot 1.
-    initial_bits: u64 = BIT_COUNT { label: "bits queued at start" }, |m| m.tally.totals.initial_bits;
+    initial_bits: u64 = BIT_COUNT { label: "bits queued at start" }, |m| m.run.totals.initial_bits;
     /// Bits sampled by the SNs.
-    sampled_bits: u64 = BIT_COUNT { label: "bits sampled" }, |m| m.tally.totals.sampled_bits;
+    sampled_bits: u64 = BIT_COUNT { label: "bits sampled" }, |m| m.run.totals.sampled_bits;
     /// Bits uploaded to the UAV.
-    delivered_bits (DeliveredBits): u64 = BIT_COUNT { label: "bits delivered" }, |m| m.tally.totals.delivered_bits;
+    delivered_bits (DeliveredBits): u64 = BIT_COUNT { label: "bits delivered" }, |m| m.run.totals.delivered_bits;
     /// Bits lost to full buffers, `Σ D_i` (UTS eq. 8), or expired.
-    lost_bits: u64 = BIT_COUNT { label: "bits lost" }, |m| m.tally.totals.lost_bits;
+    lost_bits: u64 = BIT_COUNT { label: "bits lost" }, |m| m.run.totals.lost_bits;
     /// Bits queued at the end.
-    queued_bits: u64 = BIT_COUNT { label: "bits queued at end" }, |m| m.tally.totals.queued_bits;
+    queued_bits: u64 = BIT_COUNT { label: "bits queued at end" }, |m| m.run.totals.queued_bits;
     /// Bits lost because they were older than `sensors.expiry_s` (decision D36), a part of all losses; no value without
     /// this key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     expired_bits (ExpiredBits): Option<u64> = BITS {
         label: "bits lost because they were too old", source: FigureSource::Links
-    }, |m| m.tally.expired_bits();
+    }, |m| m.run.expired_bits();
     /// `delivered_bits` / T.
     bits_per_waypoint (BitsPerWaypoint): f64 = BITS {
         label: "bits delivered per waypoint", heading: "bits per waypoint",
         report: Report::Number(|bits| format!("{bits:.1}"))
-    }, |m| m.tally.bits_per_waypoint();
+    }, |m| m.run.bits_per_waypoint();
     /// SNs served per slot.
     mean_served (MeanServed): f64 = REAL {
         label: "SNs served per slot", source: FigureSource::Answers,
         report: Report::Number(|served| format!("{served:.3}"))
-    }, |m| m.tally.mean_served();
+    }, |m| m.run.mean_served();
     /// Length of the flight, from waypoint to waypoint, including climb.
-    flown_m (FlownM) = METRES { label: "flown distance" }, |m| m.of_field(|field| field.meter.flown_m());
+    flown_m (FlownM) = METRES { label: "flown distance" }, |m| m.of_field(|field| field.flown_m);
     /// Energy of the flight: what it takes from the battery (decision D10), without `uav.battery` Σ_t P(V_t) τ with the
     /// speed V_t along the slot's path, climb included. Hovering costs P(0), charging and being down cost nothing.
-    energy_j (EnergyJ) = JOULES { label: "propulsion energy" }, |m| m.of_field(|field| field.meter.energy_j());
+    energy_j (EnergyJ) = JOULES { label: "propulsion energy" }, |m| m.of_field(|field| field.energy_j);
     /// What the batteries of the UAVs gave and took; no value without `uav.battery`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     energy: Option<EnergyUse> = OTHER { report: Report::Rows(|summary| EnergyUse::report(summary.energy.as_ref())) },
-        |m| m.tally.energy();
+        |m| m.run.energy();
     /// Energy in the battery at the end. No value without `uav.battery`, as for the next three.
     energy_left_j (EnergyLeftJ) = JOULES {
         label: "energy left in the battery", heading: "energy left",
@@ -131,7 +131,7 @@ figures! {
             let NodeEnergyUse { used_j, harvested_j, .. } = summary.node_energy?;
             Some(format!("{} J / {} J", figure(used_j), figure(harvested_j)))
         })
-    }, |m| m.tally.node_energy();
+    }, |m| m.run.node_energy();
     /// End of the slot in which the first SN dies (decision D33); no value if none does. It and the next six have no
     /// value without `[sensors.energy]`.
     first_death_s (FirstDeathS) = SECONDS { label: "time of the first death of an SN", source: FigureSource::Links },
@@ -163,11 +163,11 @@ figures! {
     refused_duty (RefusedDuty): Option<u64> = REAL {
         label: "services refused because the SN had no airtime left", heading: "services without airtime",
         source: FigureSource::Links, report: COUNTED
-    }, |m| m.tally.refused_duty();
+    }, |m| m.run.refused_duty();
     /// Bits delivered over the bits before slot 1 and those sampled.
     #[serde(default)] // runs of older builds have none
     collection_ratio (CollectionRatio): f64 = FRACTION { label: "fraction of all bits collected" },
-        |m| m.tally.collection_ratio();
+        |m| m.run.collection_ratio();
     /// End of the slot that delivers the last of the initial data; no value if some is left, or where an SN
     /// samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -176,24 +176,24 @@ figures! {
         report: Report::Text(|summary| {
             summary.score.map(|_| summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s")))
         })
-    }, |m| m.tally.completed_s;
+    }, |m| m.run.completed_s;
     /// T τ − `completed_s`, or 0 if data is left, plus 100 times the fraction delivered; no value where an SN
     /// samples, or without data.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     score (Score): Option<f64> = REAL {
         label: "seconds left when all is delivered, and 100 times the fraction delivered", heading: "score",
         report: Report::Number(figure)
-    }, |m| m.tally.score();
+    }, |m| m.run.score();
     /// Whether all UAVs are in the base after the last slot and none is down (decision D9), in tables 1 or 0; no value
     /// without a base.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     landed (Landed): Option<bool> = FRACTION {
         label: "fraction of missions that end in the base", heading: "in the base at the end",
         report: Report::Text(|summary| summary.landed.map(|landed| if landed { "yes" } else { "no" }.to_owned()))
-    }, |m| m.tally.landed;
+    }, |m| m.run.landed;
     /// `landed` · `collection_ratio`.
     landed_ratio (LandedRatio) = FRACTION { label: "collection ratio of those that end in the base, else 0" },
-        |m| m.tally.landed.map(|landed| f64::from(u8::from(landed)) * m.tally.collection_ratio());
+        |m| m.run.landed.map(|landed| f64::from(u8::from(landed)) * m.run.collection_ratio());
     /// Time since the last service, including services of 0 bit: mean over all SNs and slots. 0 in the slot of the
     /// service; before the first service it is counted from the start of the mission.
     aoi_mean_s (AoiMeanS) = SECONDS { label: "mean time since the last service", source: FigureSource::Answers },
@@ -205,7 +205,7 @@ figures! {
     /// Mean of these ages with the weights w_i of the SNs: Σ_i w_i Σ_t age_i(t) / (T Σ_i w_i).
     aoi_weighted_s (AoiWeightedS) = SECONDS {
         label: "mean time since the last service, by weight", source: FigureSource::Answers
-    }, |m| m.of_field(|field| field.gaps.ages * field.slot_s / (m.tally.gaps().weight() * m.tally.slots as f64));
+    }, |m| m.of_field(|field| field.gaps.ages * field.slot_s / (m.run.gaps().weight() * m.run.slots as f64));
     /// Age in the slot before a service, mean over all services; the end of the mission counts as a service of every
     /// SN.
     aoi_peak_mean_s (AoiPeakMeanS) = SECONDS { label: "mean age before a service", source: FigureSource::Answers },
@@ -216,16 +216,16 @@ figures! {
     /// Σ_i w_i times the slots with an age above `sensors.deadline_s` (w_i = 1 if all are equal); no value without it.
     deadline_slots (DeadlineSlots) = REAL {
         label: "slots of sensor nodes with an age above the limit", source: FigureSource::Answers
-    }, |m| m.of_field(|field| if field.meter.has_deadline() { field.gaps.late } else { f64::NAN });
+    }, |m| m.of_field(|field| if field.has_deadline { field.gaps.late } else { f64::NAN });
     /// What the flight costs by `planner.objective` (decision D36); for `"collect"` the bits that are not delivered. It
     /// is no key of `summary.json` where the objective is the loss or `"collect"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     objective (Objective): Option<f64> = REAL {
         label: "cost by planner.objective", source: FigureSource::Links, report: Report::Number(figure)
-    }, |m| m.tally.objective().or_else(|| m.of_field(|field| field.cost_of_bits));
+    }, |m| m.run.objective().or_else(|| m.of_field(|field| field.cost_of_bits));
     /// Time in which contacts were set up: `link.setup_s` for each service of an SN that the UAV has not served in the
     /// slot before; no value where they take no time.
-    setup_s (SetupS) = SECONDS { label: "time in which contacts were set up" }, |m| m.of_field(|field| field.meter.setup_s());
+    setup_s (SetupS) = SECONDS { label: "time in which contacts were set up" }, |m| m.of_field(|field| field.setup_s);
     /// Age of information of the delivered data, Δ_i(t), mean over all slots and all SNs that sample (s_i > 0); 0
     /// if there are none.
     data_age_mean_s (DataAgeMeanS) = SECONDS { label: "mean age of the delivered data", source: FigureSource::Links },
@@ -236,11 +236,11 @@ figures! {
     }, |m| m.of_field(|field| field.data_ages.quantile(0.99) as f64 * field.slot_s);
     /// Jain's fairness index of the bits delivered by each SN, (Σ x_i)² / (N Σ x_i²); 1 if nothing was delivered.
     jain (Jain) = FRACTION { label: "Jain's fairness index", source: FigureSource::Links },
-        |m| m.of_field(|field| field.jain());
-    /// 1 if the UAV is trapped in one part of the area: more than a quarter of the SNs lie beyond the smallest box
-    /// around the waypoints of the second half of the mission, enlarged by d_c; otherwise 0.
+        |m| m.of_field(|field| jain(field.delivered_bits));
+    /// 1 if the UAVs are trapped in one part of the area: more than a quarter of the SNs lie beyond the smallest box
+    /// around the waypoints of each UAV in the second half of the mission, enlarged by d_c; otherwise 0.
     trapped (Trapped) = FRACTION { label: "fraction of trapped fields" },
-        |m| m.of_field(|field| f64::from(u8::from(field.meter.is_trapped())));
+        |m| m.of_field(|field| f64::from(u8::from(field.is_trapped)));
     /// Lower bound on η of every flight of this mission; only for `offline`.
     loss_bound (LossBound) = FRACTION { label: "lower bound of the data loss rate" },
         |m| m.of_bounds(|bounds| Some(bounds.loss_bound));
@@ -265,7 +265,7 @@ figures! {
     /// What several UAVs did together; no value with one. All other figures are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fleet: Option<FleetUse> = OTHER { report: Report::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },
-        |m| m.tally.fleet;
+        |m| m.run.fleet;
 
     /// What became of the changes that the searches of `horizon` and `offline` proposed, by operator; empty without a
     /// search, and from a planner on another host.
@@ -276,17 +276,17 @@ figures! {
         *fallbacks += slot.plans().filter(|plan| plan.solver == SolverOutcome::Fallback as u32).count() as u64;
     };
     /// Refused samples of the ring: of another run, a second writer, or an impossible slot.
-    refused_messages: u64 = OF_RUN { label: "messages refused", report: COUNTED }, |m| m.tally.refused_messages;
+    refused_messages: u64 = OF_RUN { label: "messages refused", report: COUNTED }, |m| m.run.refused_messages;
     /// Restarts of processes.
-    restarts: u64 = OF_RUN { label: "processes restarted", report: COUNTED }, |m| m.tally.restarts;
+    restarts: u64 = OF_RUN { label: "processes restarted", report: COUNTED }, |m| m.run.restarts;
     /// Events of the processes.
-    events: Vec<Event> = OF_RUN {}, |m| m.tally.events.clone();
+    events: Vec<Event> = OF_RUN {}, |m| m.run.events.clone();
     /// The slot after which the run was resumed; wall times count from there.
-    resumed_after: Option<u64> = OF_RUN {}, |m| m.tally.resumed_after;
+    resumed_after: Option<u64> = OF_RUN {}, |m| m.run.resumed_after;
     /// Chained hash (XXH3) of the lines of `slots.csv`: equal for equal traces.
     trace_hash: String = OTHER {}, |m| format!("{:016x}", m.trace_hash);
     /// Whether all slots were flown.
-    complete: bool = OF_RUN {}, |m| m.tally.slots == m.tally.labels.planned_slots;
+    complete: bool = OF_RUN {}, |m| m.run.slots == m.run.labels.planned_slots;
     /// Version of Skysink.
     version: Cow<'static, str> = OF_RUN {}, |_| VERSION.into();
     /// Commit, compiler and target of the program that has written it.

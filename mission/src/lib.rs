@@ -10,11 +10,11 @@
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
 //! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
 //! | [`figures`], [`metrics`] | the table of all figures of a mission; those that are columns of sweeps |
-//! | [`tally`], [`meter`] | the sums that figures are computed from; those that need the field |
+//! | [`sums`], [`tally`], [`meter`] | what figures are computed from; the figures of a run; those of a mission with its field |
 //! | `trapped` | UAVs that stay in one part of the area |
 //! | [`bounds`] | what no flight exceeds |
 //! | [`summary`], `losses`, [`sensor_results`] | parts of the results of a run; those of each sensor node |
-//! | [`numbers`] | numbers as reports print them |
+//! | [`numbers`] | how reports print numbers, and how evenly they are spread |
 //! | [`unflown`] | plans that were not flown as they were decided |
 //! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
 //! | [`latency`] | latencies of the ring |
@@ -43,6 +43,7 @@ pub mod sensor_results;
 pub mod service_gaps;
 pub mod slot_log;
 pub mod summary;
+pub mod sums;
 pub mod tally;
 pub mod trace;
 mod trapped;

@@ -7,54 +7,19 @@ use skysink_common::battery::{Battery, flight_j};
 use skysink_common::message::{FlightReport, Mode};
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAV, uploads};
+use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
 use skysink_planner::settings::Settings;
 
-use crate::ages::{AgeCounts, Ages, Delivered, DeliveredData};
+use crate::ages::{Ages, Delivered, DeliveredData};
 use crate::bounds::MissionBounds;
 use crate::drive::{Observer, SlotSink as _};
 use crate::metrics::{Metric, MetricValues};
 use crate::origin::RunMode;
-use crate::service_gaps::GapSums;
 use crate::summary::RunTiming;
-use crate::tally::{MissionSums, Tally};
+use crate::sums::{FieldSums, MissionSums};
+use crate::tally::Tally;
 use crate::trapped::Stay;
 use crate::{MissionError, Plant};
-
-/// What figures are computed from that need the field.
-#[derive(Debug)]
-pub struct FieldSums<'a> {
-    /// The flights.
-    pub meter: &'a MissionMeter,
-    /// Length of a slot [s].
-    pub slot_s: f64,
-    /// The ages since the last service [slots].
-    pub service_ages: AgeCounts,
-    /// The ages of the delivered data [slots].
-    pub data_ages: AgeCounts,
-    /// The sums over the gaps between services.
-    pub gaps: GapSums,
-    /// The bits delivered by each sensor node.
-    pub delivered_bits: &'a [u64],
-    /// What the mission costs where only bits count, by weight [bit]: those lost, or not delivered.
-    pub cost_of_bits: f64,
-    /// The bounds; only `offline` has them.
-    pub bounds: Option<MissionBounds>,
-}
-
-impl FieldSums<'_> {
-    /// Jain's fairness index of the bits delivered by each sensor node.
-    pub fn jain(&self) -> f64 {
-        jain(self.delivered_bits)
-    }
-}
-
-impl MissionSums<'_> {
-    /// A bound of the mission; `None` if it has none.
-    pub fn of_bounds(&self, of: impl Fn(&MissionBounds) -> Option<f64>) -> Option<f64> {
-        self.field.as_ref()?.bounds.as_ref().and_then(of)
-    }
-}
 
 /// A UAV after the last slot.
 #[derive(Debug)]
@@ -118,40 +83,15 @@ impl MissionMeter {
         &self.tally
     }
 
-    /// Length of the flights so far [m].
-    pub fn flown_m(&self) -> f64 {
-        self.flown_m
-    }
-
-    /// Energy of the flights so far [J].
-    pub fn energy_j(&self) -> f64 {
-        self.energy_j
-    }
-
-    /// Time in which contacts were set up so far [s]; NaN if they take none.
-    pub fn setup_s(&self) -> f64 {
-        self.setups as f64 * self.setup_s
-    }
-
-    /// Whether ages have a limit.
-    pub fn has_deadline(&self) -> bool {
-        self.has_deadline
-    }
-
-    /// Whether UAVs stay in one part of the area.
-    pub fn is_trapped(&self) -> bool {
-        self.stay.is_trapped()
-    }
-
     /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
     pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<MissionBounds>) -> MetricValues {
         let field = plant.field();
         let left_bits = field.lost_bits().zip(field.queues_bits()).map(|(lost, queue)| lost as f64 + f64::from(*queue));
         let cost_of_bits = match self.is_collected {
-            true => self.tally.gaps().weigh(left_bits),
-            false => self.tally.lost_bits(),
+            true => self.tally.sums.gaps().weigh(left_bits),
+            false => self.tally.sums.lost_bits(),
         };
-        let timing = timing.cloned().unwrap_or_else(|| self.tally.timing(Duration::ZERO));
+        let timing = timing.cloned().unwrap_or_else(|| self.tally.sums.timing(Duration::ZERO));
         self.values_of(field.delivered_bits(), cost_of_bits, timing, bounds)
     }
 
@@ -164,16 +104,21 @@ impl MissionMeter {
         bounds: Option<MissionBounds>,
     ) -> MetricValues {
         let field = FieldSums {
-            meter: self,
             slot_s: self.slot_s,
+            flown_m: self.flown_m,
+            energy_j: self.energy_j,
+            setup_s: self.setups as f64 * self.setup_s,
+            is_trapped: self.stay.is_trapped(),
+            has_deadline: self.has_deadline,
             service_ages: self.service_ages.counts(self.slot, |_| true),
             data_ages: self.data.counts(self.slot),
-            gaps: self.tally.gaps().sums(self.slot),
+            gaps: self.tally.sums.gaps().sums(self.slot),
             delivered_bits,
             cost_of_bits,
             bounds,
         };
-        Metric::values(&self.tally.sums(timing, 0, Some(field)))
+        let sums = MissionSums { run: &self.tally.sums, field: Some(field), timing, trace_hash: 0 };
+        Metric::values(&sums, &self.tally.counts)
     }
 
     /// Adds the flights of the next slot, after which served sensor nodes have delivered what `delivered` says,
@@ -183,7 +128,7 @@ impl MissionMeter {
     /// If the slot serves an unknown sensor node.
     fn add(&mut self, flights: &[FlightReport], delivered: impl Fn(u32) -> Option<Delivered>) {
         self.slot += 1;
-        self.stay.add(self.slot, flights[UAV].position().xy());
+        self.stay.add(self.slot, flights.iter().map(|flight| flight.position().xy()));
         for (uav, flight) in self.uavs.iter_mut().zip(flights) {
             let step = flight.position() - uav.position;
             uav.position = flight.position();
@@ -219,13 +164,6 @@ impl Observer for MissionMeter {
         self.add(&record.flights, |id| field.has_answered(id).then(|| Delivered::of(field, id as usize)));
         Ok(())
     }
-}
-
-/// Jain's fairness index, `(Σ x)² / (N Σ x²)`, at most 1 whatever the rounding; 1 if nothing was delivered.
-fn jain(values: &[u64]) -> f64 {
-    let sum: f64 = values.iter().map(|&value| value as f64).sum();
-    let squares: f64 = values.iter().map(|&value| (value as f64).powi(2)).sum();
-    if squares > 0.0 { (sum * sum / (values.len() as f64 * squares)).min(1.0) } else { 1.0 }
 }
 
 #[cfg(test)]

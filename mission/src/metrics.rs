@@ -3,7 +3,8 @@
 use skysink_common::figure::{FigureKind, Support};
 use strum::{EnumCount, VariantArray};
 
-use crate::tally::MissionSums;
+use crate::figures::SlotCounts;
+use crate::sums::MissionSums;
 
 pub use crate::figures::Metric;
 
@@ -21,8 +22,8 @@ impl Metric {
     /// # Panics
     /// Never: each metric is a column.
     #[must_use]
-    pub fn values(sums: &MissionSums<'_>) -> MetricValues {
-        Self::ALL.map(|metric| metric.figure().of_column.expect("a column")(sums))
+    pub fn values(sums: &MissionSums<'_>, counts: &SlotCounts) -> MetricValues {
+        Self::ALL.map(|metric| metric.figure().of_column.expect("a column")(sums, counts))
     }
 
     /// The name of its column.

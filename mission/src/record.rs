@@ -14,11 +14,11 @@ use skysink_common::sensors::SensorList;
 use skysink_common::written_file::Extent;
 
 use crate::error::{FileContext, MissionError};
+use crate::figures::Summary;
 use crate::files::{read_regular, write_whole};
 use crate::folder::{Earlier, FolderLayout, OutputFolder};
 use crate::origin::{self, RunMode, SourceFile, hash};
 use crate::slot_log::{CHECK, SlotLog};
-use crate::summary::Summary;
 use crate::trace::SLOT_COLUMNS;
 
 /// The results of each sensor node.

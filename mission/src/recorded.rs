@@ -11,11 +11,11 @@ use skysink_common::slot_record::{ByUav, Plans, UAV};
 
 use crate::drive::{End, Ended, Pilot, SlotSink as _};
 use crate::error::{FileContext, MissionError};
+use crate::figures::Summary;
 use crate::origin::RunMode;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
-use crate::summary::Summary;
 use crate::tally::Tally;
 use crate::trace::RecordedSlot;
 
@@ -172,7 +172,7 @@ impl Recorded {
     /// hold; false after the last complete slot. `plant` gives the bits sampled.
     pub(crate) fn add_next(&mut self, plant: &mut Plant, tally: &mut Tally) -> Result<bool, MissionError> {
         let Some(slots) = self.lines.next_slot()? else { return Ok(false) };
-        let before = tally.totals;
+        let before = tally.sums.totals;
         let plans: Plans = slots.iter().map(|slot| self.mode.plan_of(slot)).collect();
         let mut record = plant.step(&plans).clone();
         let RecordedSlot { delivered_bits, lost_bits, queued_bits, .. } = slots[UAV];

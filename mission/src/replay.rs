@@ -15,11 +15,11 @@ use skysink_planner::settings;
 
 use crate::drive::{Observer, SlotSink as _, drive};
 use crate::error::MissionError;
+use crate::figures::Summary;
 use crate::origin::RunMode;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::recorded::Recorded;
-use crate::summary::Summary;
 use crate::tally::Tally;
 use crate::trace::RecordedSlot;
 

@@ -11,7 +11,7 @@ use skysink_common::pace::Pace;
 use crate::latency::{Latencies, Spread};
 use crate::numbers::grouped;
 
-pub use crate::figures::Summary;
+pub(crate) use uses::is_late;
 pub use uses::{EnergyUse, FleetUse, OperatorUse, score};
 
 /// An event of a process, as in `summary.json`.

@@ -4,8 +4,8 @@ use std::fmt;
 
 use skysink_common::scenario::Scenario;
 
+use crate::figures::Summary;
 use crate::metrics::{Metric, MetricValues};
-use crate::summary::Summary;
 
 /// More slots than one in this many are named.
 const FEW: u64 = 100;

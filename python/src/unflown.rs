@@ -8,7 +8,7 @@ use skysink_common::scenario::Scenario;
 use skysink_lab::sweep::journal::MissionRows;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::unflown::{UnflownFlights, text_of};
-use skysink_mission::summary::Summary;
+use skysink_mission::figures::Summary;
 use skysink_mission::unflown::{REASONS, UnflownPlans};
 
 use crate::errors::{of_lab, refused};

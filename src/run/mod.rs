@@ -22,9 +22,10 @@ use clap::Args;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::figures::Summary;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{OperatorUse, Summary};
+use skysink_mission::summary::OperatorUse;
 use skysink_mission::tally::Tally;
 use skysink_planner::settings;
 use skysink_planner::strategy::Registered;
@@ -108,7 +109,7 @@ impl RunCommand {
             options.check_resumed(&folder)?;
             resumed = Some(resume(&folder, scenario, &list, &mut tally, stop)?);
         }
-        if tally.last_slot() == scenario.slots {
+        if tally.sums.last_slot() == scenario.slots {
             let hash = resumed.map_or(0, |resumed| resumed.log.hash());
             let summary = tally.summary(Duration::ZERO, hash);
             return complete(folder, summary);
@@ -132,7 +133,7 @@ impl RunCommand {
         let recorded = mission.record(&mut log, &mut tally);
         let wall = *recorded.as_ref().unwrap_or(&begin.elapsed());
         let mut summary = tally.summary(wall, log.hash());
-        let left = self.left_to_fly(&folder, tally.last_slot() == scenario.slots && stop.requested().is_some());
+        let left = self.left_to_fly(&folder, tally.sums.last_slot() == scenario.slots && stop.requested().is_some());
         summary.search = skysink_planner::node::counts(&ring).into_iter().map(OperatorUse::from).collect();
         summary.complete &= recorded.is_ok() || left == LeftToFly::Nothing;
         let written = folder.finish(&log, &mut summary).map_err(Error::from);

@@ -157,7 +157,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         tally: &mut Tally,
         supervise: &mut Supervise,
     ) -> Result<Duration, Error> {
-        let first = tally.last_slot();
+        let first = tally.sums.last_slot();
         // The first plan proves that all processes are connected.
         let (header, _) = self.wait_for_slot(first, Some(first + 1), tally, supervise)?;
         self.listener = self.ring.queues.listener()?; // re-attached, so that the planner's listener is notified first
@@ -191,9 +191,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             trace.add(&record)?;
             tally.add(&record)?;
             if is_local {
-                tally.add_times(times);
+                tally.sums.add_times(times);
             }
-            tally.set_refused_messages(self.ring.refusals.total());
+            tally.sums.set_refused_messages(self.ring.refusals.total());
             self.commit(slot, trace.hash())?;
             let held_for = (record.flights[UAV].hold == HoldReason::NoPlan as u32).then_some(late);
             if let Some(event) = self.plan_watch.as_mut().and_then(|watch| watch.count(held_for, Instant::now())) {

@@ -88,11 +88,11 @@ pub fn resume(
     let log = trace.into_log();
     let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
     let is_repeatable = is_lockstep && is_ours && !are_reports;
-    if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_repeatable) {
+    if let Some(last) = log.last_checked().filter(|last| *last > tally.sums.last_slot() && !is_repeatable) {
         let message = format_args!("lines up to slot {last} are missing, and these slots cannot be repeated");
         return Err(InputError::new("trace", &folder.slots(), message).into());
     }
-    if folder.run_mode().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
+    if folder.run_mode().pace.is_some() && tally.sums.last_slot() > 1 && !log.was_checked() {
         let message = "slots.check is missing or belongs to another trace: expected the one written with this trace";
         return Err(InputError::new("run folder", folder.path(), message).into());
     }

@@ -188,7 +188,7 @@ impl RingMission<'_> {
         tally: &mut Tally,
         hash: u64,
     ) -> Result<(), Error> {
-        let slot = tally.last_slot();
+        let slot = tally.sums.last_slot();
         let timeout = self.ring.terms().timeout();
         let mut viewer = workers.supervise(tally, None)?;
         let mut waited = Stopwatch::start(Instant::now());

@@ -111,11 +111,13 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     /// restart count of the current viewer.
     pub fn supervise(&mut self, tally: &mut Tally, sample: Option<SampleEvent>) -> Result<u32, Error> {
         self.run.progress.show_run(tally, self.run.last_slot);
-        let slot = tally.last_slot() + 1;
+        let slot = tally.sums.last_slot() + 1;
         for (role, event) in self.watch(slot, sample)? {
             let at_s = self.begin.elapsed().as_secs_f64();
             let is_restart = matches!(event, ProcessEvent::Restarted(_));
-            tally.add_event(Event { slot, at_s, process: role.name().into(), event: event.to_string() }, is_restart);
+            tally
+                .sums
+                .add_event(Event { slot, at_s, process: role.name().into(), event: event.to_string() }, is_restart);
         }
         Ok(self.viewer)
     }

@@ -5,8 +5,8 @@ use crate::support::slots;
 use crate::support::{Place, scenarios};
 use expect_test::expect_file;
 use serde_json::Value;
+use skysink_mission::figures::Summary;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::Summary;
 
 /// A place with `small`, with another seed than the default.
 fn with_small() -> Place {

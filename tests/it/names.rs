@@ -30,7 +30,8 @@ fn declared(line: &str) -> Option<&str> {
     let public = public.strip_prefix('(').map_or(Some(public), |rest| Some(rest.split_once(')')?.1))?;
     let kinds = [" struct ", " enum ", " trait ", " union "];
     let name = kinds.into_iter().find_map(|kind| public.strip_prefix(kind))?;
-    name.split(|letter: char| !letter.is_alphanumeric() && letter != '_').next()
+    let name = name.split(|letter: char| !letter.is_alphanumeric() && letter != '_').next();
+    name.filter(|name| !name.is_empty()) // the type of a macro
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn resumed_with(keys: &str, strategy: &'static str, plans_by: PlansBy, substitut
     let folder = record(&scenario, &list, &out, plans_by, substitute);
     let mut tally = Tally::new(&scenario, &list, folder.run_mode());
     let resumed = resume(&folder, &scenario, &list, &mut tally, &Stop::default());
-    resumed.map(|_| tally.last_slot()).map_err(|error| error.to_string())
+    resumed.map(|_| tally.sums.last_slot()).map_err(|error| error.to_string())
 }
 
 /// A plan that the UAV can fly and that no strategy makes: the waypoint is a millimetre off.
@@ -147,7 +147,7 @@ fn a_complete_run_without_plans_is_not_planned_again() {
     });
     let resumed = resume(&folder, &scenario, &list, &mut tally, &stop);
     assert!(resumed.is_ok(), "{:?}", resumed.err());
-    assert_eq!((tally.last_slot(), tally.missed_deadlines()), (scenario.slots, scenario.slots));
+    assert_eq!((tally.sums.last_slot(), tally.sums.missed_deadlines()), (scenario.slots, scenario.slots));
 }
 
 #[test]

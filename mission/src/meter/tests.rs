@@ -69,10 +69,3 @@ fn the_energy_is_what_the_battery_has_given() {
     let [flown_j] = values(&metrics, [Metric::EnergyJ]);
     assert!((flown_j - (battery.initial_j - left_j)).abs() < 1e-9, "{flown_j}");
 }
-
-#[test]
-fn fairness_is_1_for_equal_values_and_1_over_n_for_a_single_one() {
-    assert_eq!(jain(&[5, 5, 5, 5]), 1.0);
-    assert_eq!(jain(&[8, 0, 0, 0]), 0.25);
-    assert_eq!(jain(&[1, 2, 3]), 36.0 / 42.0);
-}

@@ -5,12 +5,11 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 use skysink_common::base::Base;
 use skysink_common::figure::{FigureSource, FigureValue, ReportRow};
-use skysink_common::message::{FlightReport, Mode, Plan};
+use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
 use skysink_common::slot_record::SlotRecord;
 use skysink_planner::operator_counts::OperatorCounts;
 
 use crate::numbers::grouped;
-use crate::tally::is_late;
 
 /// What became of the changes that an operator of a search proposed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -140,6 +139,11 @@ impl EnergyUse {
             }
         }
     }
+}
+
+/// Whether the plan of this flight was not there when the slot began.
+pub(crate) fn is_late(flight: &FlightReport) -> bool {
+    flight.hold == HoldReason::NoPlan as u32
 }
 
 /// The score of a mission that delivers a fraction of its initial data, and has `left_s` [s] left when all is

@@ -156,7 +156,7 @@ fn columns_that_are_keys_have_the_values_of_the_summary() {
             );
         }
         // The loss is no objective of ages, and so no key; its column is the cost.
-        assert_eq!((summary.objective, values[Metric::Objective as usize]), (None, meter.tally().lost_bits()));
+        assert_eq!((summary.objective, values[Metric::Objective as usize]), (None, meter.tally().sums.lost_bits()));
     }
 }
 

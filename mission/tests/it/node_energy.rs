@@ -238,6 +238,6 @@ fn a_visit_to_a_dead_sensor_node_is_no_service() {
         singly.slot(&record, &plant).unwrap();
     }
     assert_eq!(singly.results(&plant, 1.0).next().unwrap().served_slots, 2);
-    assert_eq!(tally.gaps().sums(5).ages, (1 + 2 + 3) as f64);
+    assert_eq!(tally.sums.gaps().sums(5).ages, (1 + 2 + 3) as f64);
     assert_eq!(tally.summary(Duration::ZERO, 0).mean_served, 2.0 / 5.0);
 }

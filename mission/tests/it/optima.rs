@@ -138,7 +138,7 @@ fn the_look_ahead_reaches_the_optima_of_small_fields_for_every_objective() {
             let mut mission = Mission::new(&scenario, &list).unwrap();
             let mut tally = Tally::new(&scenario, &list, &RunMode::default());
             mission.drive(&mut [&mut tally], &Stop::default()).unwrap();
-            let flown = tally.objective().unwrap_or(tally.lost_bits());
+            let flown = tally.sums.objective().unwrap_or(tally.sums.lost_bits());
             let places = list.sensors_of(&scenario);
             let bound = mission_bound(&scenario, &places, &list.queues_bits(), u64::MAX);
             let bound = cost_bound(&scenario, &places, &weights, bound.loss_bits);

@@ -7,8 +7,9 @@ use skysink::run::executables;
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
+use skysink_mission::figures::Summary;
 use skysink_mission::latency::Spread;
-use skysink_mission::summary::{RunTiming, Summary};
+use skysink_mission::summary::RunTiming;
 use skysink_ring::wait::Waiting;
 
 use crate::error::BenchError;
