@@ -13,7 +13,7 @@ use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Wi
 use indicatif::HumanDuration;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
-use skysink_common::node_energy::NodeEnergyUse;
+use skysink_common::nodes::energy::NodeEnergyUse;
 use skysink_common::pace::Pace;
 use skysink_common::terminal::{printable, shell_path};
 #[cfg(feature = "lab")]

@@ -24,7 +24,7 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
             paths,
             flights: plant.flights(),
             heard: &plant.heard_links(),
-            charges: plant.field().charges(),
+            features: Some(plant.field().features()),
             slots_per_s: None,
             plan_ms: None,
         };

@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::Point3;
 use skysink_common::battery::{Battery, flight_j};
 use skysink_common::message::{FlightReport, Mode};
-use skysink_common::node_energy::NodeEnergyUse;
+use skysink_common::nodes::energy::NodeEnergyUse;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, UAV, uploads};

@@ -4,7 +4,7 @@ use crate::support::scenario_of;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan};
-use skysink_common::node_energy::is_out;
+use skysink_common::nodes::{Charges, is_out};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::uploads;
@@ -29,10 +29,14 @@ fn field(seed: u64, keys: &str) -> String {
     )
 }
 
+/// The batteries after the last slot.
+fn charges(plant: &Plant) -> &Charges {
+    plant.field().features().find::<Charges>().unwrap()
+}
+
 /// The SNs without energy after the last slot.
 fn dead(plant: &Plant) -> HashSet<u32> {
-    let charges = plant.field().charges().unwrap().charges_nj();
-    (0..).zip(charges).filter(|(_, nj)| **nj == 0).map(|(id, _)| id).collect()
+    (0..).zip(charges(plant).charges_nj()).filter(|(_, nj)| **nj == 0).map(|(id, _)| id).collect()
 }
 
 fn sensors(scenario: &Scenario) -> SensorList {
@@ -96,7 +100,7 @@ fn what_the_dead_lose_is_a_part_of_the_loss_and_the_bound_holds() {
         mission.drive(&mut [&mut tally], &Stop::default()).unwrap();
         let summary = tally.summary(Duration::ZERO, 0);
         let energy = summary.node_energy.unwrap();
-        let charges = mission.plant().field().charges().unwrap();
+        let charges = charges(mission.plant());
         assert!(charges.is_balanced() && summary.totals.is_balanced());
         assert_eq!(energy, charges.summed_up(summary.totals.delivered_bits), "the summary sees what the field does");
         assert!(energy.dead > 20 && energy.first_death_s < energy.half_dead_s, "{energy:?}");

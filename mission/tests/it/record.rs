@@ -208,7 +208,8 @@ fn reported_flights_are_added_up_to_every_figure_of_the_run() {
     let weighted = ROWS.replace("bps\n", "bps,weight\n").replace("900\n", "900,5\n");
     let weighted = weighted.replace("400\n", "400,1\n").replace("2000\n", "2000,1\n").replace(",0\n", ",0,1\n");
     let initial = ROWS.replace(",900\n", ",0\n").replace(",400\n", ",0\n").replace(",2000\n", ",0\n");
-    let energy = "sensors.energy = { capacity_j = 2.0, sleep_w = 0.04, harvest_w = 0.005, tx_w = 20.0, wake_j = 0.01 }\n";
+    let energy =
+        "sensors.energy = { capacity_j = 2.0, sleep_w = 0.04, harvest_w = 0.005, tx_w = 20.0, wake_j = 0.01 }\n";
     let cases: [(&str, &str, &str); 9] = [
         ("planner.strategy = 'edf'\n", ROWS, "lost_bits"),
         ("planner.strategy = 'edf'\n", &weighted, "weighted_loss_rate"),
