@@ -467,7 +467,7 @@ impl Observer for MissionMeter {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         self.tally.add(record)?;
         let field = plant.field();
-        self.add(&record.flights, |id| field.has_answered(id).then(|| Delivered::of(field, id as usize)));
+        self.add(record.flights(), |id| field.has_answered(id).then(|| Delivered::of(field, id as usize)));
         Ok(())
     }
 }
