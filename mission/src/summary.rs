@@ -225,9 +225,9 @@ impl Tally {
         let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
         let base = scenario.landing_base();
         let pad_wait_s = base.as_ref().filter(|base| !base.sites().is_empty()).map(|_| 0.0);
-        let full = |battery: Battery| EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
-        let full = Battery::of(scenario).map(full);
-        let energy: ByUav<EnergyUse> = full.iter().flat_map(|full| vec![*full; uavs]).collect();
+        let battery = Battery::of(scenario);
+        let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+        let energy = ByUav::from_elem(full, if battery.is_endless() { 0 } else { uavs });
         let summary = Summary {
             name: scenario.name.clone(),
             strategy: mode.external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone(),

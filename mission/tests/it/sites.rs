@@ -156,7 +156,7 @@ fn two_sites_keep_fleets_in_the_air_and_their_energy_in_balance() {
 /// Checks a mission, and whether a UAV waited for a pad, and charged, and whether both sites were visited.
 fn keep_sites(seed: u64) -> [bool; 3] {
     let scenario = scenario(seed);
-    let sites = Sites { base: scenario.landing_base().unwrap(), battery: Battery::of(&scenario).unwrap() };
+    let sites = Sites { base: scenario.landing_base().unwrap(), battery: Battery::of(&scenario) };
     let list = SensorList::of(&scenario).unwrap();
     let uavs = scenario.uav.uavs();
     let mut before = Plant::new(&scenario, &list).flights().clone();
