@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
-use crate::node_energy::{DEAD, is_out};
+use crate::nodes::{DEAD, is_out};
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
 use crate::sensors::{SensorList, Sensors};

@@ -10,7 +10,7 @@ pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
 use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
-use crate::node_energy::{DEAD, held_bits, is_out};
+use crate::nodes::{DEAD, held_bits, is_out};
 use crate::reported::ReportedQueues;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;

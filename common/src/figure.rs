@@ -5,7 +5,7 @@
 
 use std::borrow::Cow;
 
-use crate::node_energy::NodeEnergyUse;
+use crate::nodes::energy::NodeEnergyUse;
 
 /// What must be known of a recorded mission to compute a figure again, each with all that stands before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -11,11 +11,10 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
-use crate::airtime::Airtime;
 use crate::arrivals::{quick_bits, sampled_bits};
-use crate::cohorts::Cohorts;
+use crate::checkpoint::CheckpointError;
 use crate::geometry::Position;
-use crate::node_energy::{Charges, DEAD, SILENT};
+use crate::nodes::{Answer, NodeFeatures, Service, SlotEnd};
 use crate::per_sensor::PerSensor;
 use crate::queues::{Queues, Sampled, blocks};
 use crate::sampling::Sampling;
@@ -71,11 +70,11 @@ pub struct Ledger {
     lost_slots: Vec<f64>,
     /// Without `lost_slots`.
     totals: Totals,
-    /// The batteries, and the buffers of SNs that are alive [bit]; the buffer of a dead one is 0.
-    charges: Option<(Charges, PerSensor<u32>)>,
-    /// What a duty cycle leaves.
-    airtime: Option<Airtime>,
-    /// SNs that were dead or had no airtime when a UAV was to serve them in the last slot.
+    /// What the SNs are beyond queues.
+    features: NodeFeatures,
+    /// The buffers of SNs that are alive [bit]; that of a dead one is 0 in `sampling`.
+    alive_bits: PerSensor<u32>,
+    /// SNs that were dead or silent when a UAV was to serve them in the last slot.
     unanswered: Vec<u32>,
 }
 
@@ -98,94 +97,91 @@ impl Ledger {
             },
             totals: Totals { initial_bits: queued_bits, queued_bits, ..Totals::default() },
             initial_bits: queues_bits.clone(),
-            queues: Queues::new(queues_bits).expiring(&sampling),
-            charges: None,
-            airtime: None,
+            queues: Queues::new(queues_bits),
+            features: NodeFeatures::default(),
+            alive_bits: sampling.capacity_bits.clone(),
             unanswered: Vec::new(),
             sampling,
         }
     }
 
-    /// This ledger of SNs with batteries; without them if there are none.
+    /// This ledger of SNs with these features.
     #[must_use]
-    pub fn with_charges(mut self, charges: Option<Charges>) -> Self {
-        let alive_bits = self.charges.take().map_or_else(|| self.sampling.capacity_bits.clone(), |(_, bits)| bits);
-        self.sampling.capacity_bits = alive_bits.clone();
-        let count = self.initial_bits.len();
-        for (sensor, _) in charges.iter().flat_map(Charges::charges_nj).enumerate().filter(|(_, nj)| **nj == 0) {
-            self.sampling.capacity_bits.set(sensor, count, 0);
-        }
-        self.charges = charges.map(|charges| (charges, alive_bits));
+    pub fn with_features(mut self, features: NodeFeatures) -> Self {
+        self.sampling = self.sampling_of(&features);
+        self.features = features;
         self
     }
 
-    /// The batteries of the SNs, if they have some.
-    pub fn charges(&self) -> Option<&Charges> {
-        self.charges.as_ref().map(|(charges, _)| charges)
+    /// The features of the SNs.
+    pub fn features(&self) -> &NodeFeatures {
+        &self.features
     }
 
-    /// This ledger of SNs with a duty cycle; without it if there is none.
-    #[must_use]
-    pub fn with_airtime(self, airtime: Option<Airtime>) -> Self {
-        Self { airtime, ..self }
+    /// The sampling with buffers of 0 of those SNs that are dead by `features`.
+    fn sampling_of(&self, features: &NodeFeatures) -> Sampling {
+        let mut sampling = self.sampling.clone().with_buffers(self.alive_bits.clone());
+        if features.may_refuse() {
+            let answers = features.answers(self.initial_bits.len());
+            for (sensor, _) in answers.iter().enumerate().filter(|(_, answer)| **answer == Answer::Dead) {
+                sampling.capacity_bits.set(sensor, answers.len(), 0);
+            }
+        }
+        sampling
     }
 
-    /// The airtime of the SNs, if they have a duty cycle.
-    pub fn airtime(&self) -> Option<&Airtime> {
-        self.airtime.as_ref()
-    }
-
-    /// Whether SN `sensor`, which a UAV served in the last slot, was neither dead nor without airtime.
+    /// Whether SN `sensor`, which a UAV served in the last slot, was neither dead nor silent.
     pub fn has_answered(&self, sensor: u32) -> bool {
         !self.unanswered.contains(&sensor)
     }
 
     /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, the bits [`Self::drawn_bits`], and the
-    /// [`Self::cohorts`]. Returns false, and changes nothing, if the state is impossible.
+    /// features as they were saved in exactly `features`.
     ///
     /// A state is possible if it has an entry for each SN, no queue exceeds its buffer, no SN has delivered and still
-    /// holds more bits than it had, and the cohorts are those of the queues.
-    #[must_use]
+    /// holds more bits than it had, and the states of the features are.
+    ///
+    /// # Errors
+    /// If the state is impossible; nothing is then changed.
     pub fn restore(
         &mut self,
         slot: u64,
         queues_bits: &[u32],
         delivered_bits: &[u64],
         drawn_bits: Option<&[u64]>,
-        cohorts: Option<Cohorts>,
-    ) -> bool {
+        features: &[u8],
+    ) -> Result<(), CheckpointError> {
         let count = self.initial_bits.len();
-        let is_of_field = drawn_bits.is_none_or(|drawn_bits| drawn_bits.len() == count);
-        if [queues_bits.len(), delivered_bits.len()] != [count; 2]
-            || !is_of_field
-            || drawn_bits.is_some() != self.drawn_bits.is_some()
-            || cohorts.is_some() != self.cohorts().is_some()
-            || !cohorts.as_ref().is_none_or(|cohorts| cohorts.are_of(slot, queues_bits))
-        {
-            return false;
-        }
+        let is_of_field = [queues_bits.len(), delivered_bits.len()] == [count; 2]
+            && drawn_bits.is_none_or(|drawn_bits| drawn_bits.len() == count)
+            && drawn_bits.is_some() == self.drawn_bits.is_some();
+        CheckpointError::ensure(is_of_field, POSSIBLE)?;
+        let features = self.features.restored(slot, queues_bits, features)?;
+        let sampling = self.sampling_of(&features);
         let sampled_bits = |sensor: usize| match drawn_bits {
             Some(drawn_bits) => drawn_bits[sensor],
-            None => self.sampling.sampled_bits(sensor, slot),
+            None => sampling.sampled_bits(sensor, slot),
         };
         let lost_bits = |sensor: usize| {
             let had_bits = u64::from(self.initial_bits[sensor]).checked_add(sampled_bits(sensor))?;
             let left_bits = had_bits.checked_sub(delivered_bits[sensor])?.checked_sub(queues_bits[sensor].into())?;
-            (queues_bits[sensor] <= self.sampling.of(sensor).capacity_bits).then_some(left_bits)
+            (queues_bits[sensor] <= sampling.of(sensor).capacity_bits).then_some(left_bits)
         };
-        let Some(lost_bits) = (0..count).map(lost_bits).try_fold(0u64, |sum, bits| sum.checked_add(bits?)) else {
-            return false;
-        };
+        let lost_bits = (0..count).map(lost_bits).try_fold(0u64, |sum, bits| sum.checked_add(bits?));
+        CheckpointError::ensure(lost_bits.is_some(), POSSIBLE)?;
+        let lost_bits = lost_bits.unwrap_or_default();
         let delivered = delivered_bits.iter().sum();
         let queued_bits = queues_bits.iter().copied().map(u64::from).sum();
         let sampled = delivered + lost_bits + queued_bits - self.totals.initial_bits;
         let totals = Totals { sampled_bits: sampled, delivered_bits: delivered, lost_bits, queued_bits, ..self.totals };
         self.totals = totals;
-        self.queues.set(queues_bits, cohorts);
+        self.features = features;
+        self.sampling = sampling;
+        self.queues.set(queues_bits);
         self.delivered_bits.copy_from_slice(delivered_bits);
         self.drawn_bits = drawn_bits.map(<[u64]>::to_vec);
         blocks(count).for_each(|sensors| self.sum_lost_slots(sensors, slot));
-        true
+        Ok(())
     }
 
     /// Queue lengths [bit], by id.
@@ -193,14 +189,14 @@ impl Ledger {
         self.queues.bits()
     }
 
-    /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs, and [`SILENT`] more of those without
-    /// airtime.
+    /// Queue lengths [bit] as planners are told, by id ([`Answer::told_bits`]).
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         let queues_bits = self.queues_bits();
         if !self.may_refuse() {
             return Cow::Borrowed(queues_bits);
         }
-        (0..queues_bits.len()).map(|sensor| self.told_bits_of(sensor)).collect()
+        let answers = self.features.answers(queues_bits.len());
+        answers.iter().zip(queues_bits).map(|(answer, &queue_bits)| answer.told_bits(queue_bits)).collect()
     }
 
     /// The queue of SN `sensor` [bit] as planners are told ([`Self::told_bits`]).
@@ -208,32 +204,12 @@ impl Ledger {
     /// # Panics
     /// If the SN is unknown.
     pub fn told_bits_of(&self, sensor: usize) -> u32 {
-        let queue_bits = self.queues_bits()[sensor];
-        match &self.airtime {
-            _ if self.is_dead(sensor) => DEAD,
-            Some(airtime) if airtime.is_silent(sensor) => queue_bits | SILENT,
-            _ => queue_bits,
-        }
+        self.features.answer(sensor).told_bits(self.queues_bits()[sensor])
     }
 
-    /// Whether SNs may be dead or without airtime.
+    /// Whether SNs may be dead or silent.
     pub fn may_refuse(&self) -> bool {
-        self.charges.is_some() || self.airtime.is_some()
-    }
-
-    /// Whether the battery of SN `sensor` is empty.
-    fn is_dead(&self, sensor: usize) -> bool {
-        self.charges().is_some_and(|charges| charges.charges_nj()[sensor] == 0)
-    }
-
-    /// The queued bits by slot of sampling, where they expire.
-    pub fn cohorts(&self) -> Option<&Cohorts> {
-        self.queues.cohorts()
-    }
-
-    /// Bits that have expired so far; they count as lost.
-    pub fn expired_bits(&self) -> u64 {
-        self.cohorts().map_or(0, Cohorts::expired_bits)
+        self.features.may_refuse()
     }
 
     /// The sampling that fills the queues.
@@ -305,15 +281,10 @@ impl Ledger {
     /// If `sensors` reaches beyond the field.
     pub fn sample_block(&mut self, sensors: Range<usize>, slot: u64) -> u64 {
         self.unanswered.clear();
-        let Sampled { sampled_bits, lost_bits } = match &mut self.drawn_bits {
-            None => self.queues.sample_block(sensors.clone(), &self.sampling, slot),
-            Some(drawn_bits) => {
-                let mut bits = [0; BLOCK];
-                let bits = &mut bits[..sensors.len()];
-                self.sampling.fill(slot, sensors.clone(), bits);
-                drawn_bits[sensors.clone()].iter_mut().zip(&*bits).for_each(|(sum, bits)| *sum += bits);
-                self.queues.store_block(sensors.clone(), bits, &self.sampling, slot)
-            }
+        let Sampled { sampled_bits, lost_bits } = if self.drawn_bits.is_none() && !self.features.stores() {
+            self.queues.sample_block(sensors.clone(), &self.sampling, slot)
+        } else {
+            self.store_block(sensors.clone(), slot)
         };
         self.totals.sampled_bits += sampled_bits;
         self.totals.lost_bits += lost_bits;
@@ -322,6 +293,21 @@ impl Ledger {
             self.sum_lost_slots(sensors, slot);
         }
         lost_bits
+    }
+
+    /// As [`Self::sample_block`] where arrivals are drawn or a feature stores: the bits are counted one SN at a time.
+    fn store_block(&mut self, sensors: Range<usize>, slot: u64) -> Sampled {
+        let mut bits = [0; BLOCK];
+        let bits = &mut bits[..sensors.len()];
+        self.sampling.fill(slot, sensors.clone(), bits);
+        if let Some(drawn_bits) = &mut self.drawn_bits {
+            drawn_bits[sensors.clone()].iter_mut().zip(&*bits).for_each(|(sum, bits)| *sum += bits);
+        }
+        let queues_bits = self.queues.bits_mut(sensors.clone());
+        match self.features.store(slot, sensors.clone(), bits, queues_bits, &self.sampling.capacity_bits) {
+            Some(lost_bits) => Sampled { sampled_bits: bits.iter().sum(), lost_bits },
+            None => self.queues.store_block(sensors, bits, &self.sampling),
+        }
     }
 
     /// Updates the loss of a block up to the end of `slot`, if it is counted by block.
@@ -346,65 +332,59 @@ impl Ledger {
     /// Removes up to `capacity_bits` from a queue, and returns the bits removed: at most the queue.
     #[must_use]
     pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u64 {
-        let taken_bits = self.queues.upload(sensor, capacity_bits);
+        let sent_bits = self.queues.upload(sensor, capacity_bits);
+        self.features.upload(sensor, sent_bits);
+        let taken_bits = u64::from(sent_bits);
         self.delivered_bits[sensor] += taken_bits;
         self.totals.delivered_bits += taken_bits;
         self.totals.queued_bits -= taken_bits;
         taken_bits
     }
 
-    /// As [`Self::upload`] in `slot`, over a link of `rate_bps` [bit/s]: an SN that is alive and has airtime wakes, and
-    /// sends what it uploads; others do not answer.
+    /// As [`Self::upload`] in `slot`, over a link of `rate_bps` [bit/s]: an SN that answers sends what it uploads, and
+    /// others nothing.
     #[must_use]
     pub fn serve(&mut self, slot: u64, sensor: usize, capacity_bits: u64, rate_bps: f64) -> u64 {
-        if self.is_dead(sensor) || !self.airtime.as_mut().is_none_or(|airtime| airtime.admits(sensor)) {
+        let answer = self.features.answer(sensor);
+        if answer != Answer::Queue {
+            self.features.refuse(sensor, answer);
             self.unanswered.push(sensor as u32);
             return 0;
         }
-        let most_bits = self.airtime.as_ref().map_or(u64::MAX, |airtime| airtime.most_bits(sensor, rate_bps));
-        let taken_bits = self.upload(sensor, capacity_bits.min(most_bits));
-        if let Some(airtime) = &mut self.airtime {
-            airtime.send(slot, sensor, taken_bits, rate_bps);
-        }
-        if let Some((charges, _)) = &mut self.charges {
-            charges.send(sensor, taken_bits, rate_bps);
-        }
-        taken_bits
+        let most_bits = self.features.most_bits(sensor, rate_bps);
+        let bits = self.upload(sensor, capacity_bits.min(most_bits));
+        self.features.serve(&Service { slot, sensor, bits, rate_bps });
+        bits
     }
 
-    /// Ends `slot` after its services, with `uavs` that wake the SNs in range: batteries are used and charged, and an
-    /// SN whose battery is empty is dead (decision D33). It loses its queue, and from now on what it samples. Returns
-    /// the bits of the queues.
+    /// Ends `slot` after its services, with `uavs` that wake the SNs in range. An SN that dies in it loses its queue,
+    /// and from now on what it samples (decision D33). Returns the bits of the queues.
     pub fn end_slot(&mut self, slot: u64, uavs: &[Position]) -> u64 {
-        if let Some(airtime) = &mut self.airtime {
-            airtime.end_slot(slot);
+        if self.features.is_empty() {
+            return 0;
         }
-        let Some((mut charges, alive_bits)) = self.charges.take() else { return 0 };
+        let end = SlotEnd { slot, sampling: &self.sampling, queues_bits: self.queues.bits(), uavs };
+        let died = self.features.end_slot(&end);
         let count = self.initial_bits.len();
         let mut lost_bits = 0;
-        for sensors in blocks(count) {
-            let before_bits = lost_bits;
-            let mut bits = [0; BLOCK];
-            self.sampling.fill(slot, sensors.clone(), &mut bits[..sensors.len()]);
-            for (sensor, bits) in sensors.clone().zip(bits) {
-                if self.sampling.capacity_bits.of(sensor) == 0 {
-                    charges.lost_bits += bits;
-                } else if charges.end_slot(slot, sensor, bits, uavs) {
-                    lost_bits += self.queues.clear(sensor);
-                    self.sampling.capacity_bits.set(sensor, count, 0);
-                }
+        for of_block in died.chunk_by(|one, other| *one as usize / BLOCK == *other as usize / BLOCK) {
+            for sensor in of_block.iter().map(|&sensor| sensor as usize) {
+                let bits = self.queues.clear(sensor);
+                self.features.discard(sensor, bits);
+                self.sampling.capacity_bits.set(sensor, count, 0);
+                lost_bits += u64::from(bits);
             }
-            if lost_bits > before_bits {
-                self.sum_lost_slots(sensors, slot);
-            }
+            let first = of_block[0] as usize / BLOCK * BLOCK;
+            self.sum_lost_slots(first..count.min(first + BLOCK), slot);
         }
-        charges.lost_bits += lost_bits;
         self.totals.lost_bits += lost_bits;
         self.totals.queued_bits -= lost_bits;
-        self.charges = Some((charges, alive_bits));
         lost_bits
     }
 }
+
+/// What is expected of a checkpoint.
+const POSSIBLE: &str = "a possible state of this field";
 
 /// What the loss of an SN is divided by [bit]: its mean, or infinity if it does not sample, as what expires there is no
 /// loss in slots of sampling.
@@ -488,10 +468,11 @@ mod tests {
             (&[3, 4], &[4, 0]),  // 3 + 4 of 1 + 5
             (&[3, 4], &[0, u64::MAX]),
         ] {
-            assert!(!ledger.restore(1, queues_bits, delivered_bits, None, None), "{queues_bits:?}, {delivered_bits:?}");
+            let restored = ledger.restore(1, queues_bits, delivered_bits, None, &[]);
+            assert!(restored.is_err(), "{queues_bits:?}, {delivered_bits:?}");
             assert_eq!(ledger, new());
         }
-        assert!(ledger.restore(1, &[3, 4], &[2, 2], None, None));
+        ledger.restore(1, &[3, 4], &[2, 2], None, &[]).unwrap();
         assert_eq!((ledger.queues_bits(), ledger.delivered_bits()), (&[3, 4][..], &[2, 2][..]));
         let totals = Totals { sampled_bits: 9, delivered_bits: 4, lost_bits: 1, queued_bits: 7, ..new().totals() };
         assert_eq!(ledger.totals(), Totals { lost_slots: 0.2, ..totals }); // 1 + 5 − 2 − 3 bits are lost
@@ -532,7 +513,7 @@ mod tests {
                 prop_assert_eq!(kept.lost_bits(slot).collect::<Vec<_>>(), lost_bits);
                 prop_assert!((kept.totals().lost_slots - lost_slots).abs() <= 1e-9 * lost_slots);
                 let mut restored = ledger(capacity_bits, &mean_bits, &initial_bits);
-                prop_assert!(restored.restore(slot, kept.queues_bits(), kept.delivered_bits(), None, None));
+                restored.restore(slot, kept.queues_bits(), kept.delivered_bits(), None, &[]).unwrap();
                 prop_assert_eq!(&restored, &kept);
             }
         }

@@ -4,7 +4,6 @@
 //! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
 pub mod airspace;
-pub mod airtime;
 pub mod arrivals;
 pub mod base;
 pub mod battery;
@@ -12,7 +11,6 @@ pub mod belief;
 pub mod build;
 pub mod channel;
 pub mod checkpoint;
-pub mod cohorts;
 pub mod csv_cell;
 mod csv_rows;
 pub mod error;
@@ -27,7 +25,7 @@ pub mod limits;
 pub mod link_places;
 pub mod markup;
 pub mod message;
-pub mod node_energy;
+pub mod nodes;
 pub mod option_value;
 pub mod pace;
 pub mod per_sensor;

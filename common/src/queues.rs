@@ -1,14 +1,13 @@
 //! The queues of the sensor nodes (SNs) in a slot: sample, overflow, upload (decision D1).
 //!
-//! Only this file and, where bits expire, [`crate::cohorts`] sample, lose or upload a bit. [`crate::ledger`] adds the
-//! totals.
+//! Only this file, and a feature of the SNs that stores in its place, sample, lose or upload a bit. [`crate::ledger`]
+//! adds the totals.
 
 use std::iter::repeat;
 use std::mem::take;
 use std::ops::Range;
 
 use crate::arrivals::{bits_between, quick_bits, sampled_bits};
-use crate::cohorts::Cohorts;
 use crate::per_sensor::PerSensor;
 use crate::sampling::{Sampler, Sampling};
 use crate::simd::{BLOCK, vectorized};
@@ -17,8 +16,6 @@ use crate::simd::{BLOCK, vectorized};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Queues {
     bits: Vec<u32>,
-    /// The same bits by slot of sampling, where they expire.
-    cohorts: Option<Cohorts>,
 }
 
 /// Bits that some SNs sample in a slot.
@@ -34,19 +31,7 @@ impl Queues {
     /// Queues of these lengths [bit], by id, none of which exceeds its buffer.
     #[must_use]
     pub fn new(bits: Vec<u32>) -> Self {
-        Self { bits, cohorts: None }
-    }
-
-    /// The same queues of bits that expire as `sampling` says.
-    #[must_use]
-    pub fn expiring(self, sampling: &Sampling) -> Self {
-        let cohorts = sampling.expiry.map(|expiry| Cohorts::new(expiry, &self.bits));
-        Self { cohorts, ..self }
-    }
-
-    /// The bits by slot of sampling, where they expire.
-    pub fn cohorts(&self) -> Option<&Cohorts> {
-        self.cohorts.as_ref()
+        Self { bits }
     }
 
     /// Queue lengths [bit], by id.
@@ -55,13 +40,17 @@ impl Queues {
         &self.bits
     }
 
-    /// Replaces the queue lengths by `bits` [bit], by id, none of which exceeds its buffer, and their `cohorts`.
+    /// The queue lengths of the consecutive `sensors` [bit], for a feature that stores what they sample.
+    pub(crate) fn bits_mut(&mut self, sensors: Range<usize>) -> &mut [u32] {
+        &mut self.bits[sensors]
+    }
+
+    /// Replaces the queue lengths by `bits` [bit], by id, none of which exceeds its buffer.
     ///
     /// # Panics
     /// If there is not one for each SN.
-    pub fn set(&mut self, bits: &[u32], cohorts: Option<Cohorts>) {
+    pub fn set(&mut self, bits: &[u32]) {
         self.bits.copy_from_slice(bits);
-        self.cohorts = cohorts;
     }
 
     /// All SNs sample in `slot`, from 1, and full ones lose the excess; returns the lost bits.
@@ -74,11 +63,11 @@ impl Queues {
     /// # Panics
     /// If `sensors` reaches beyond the field, or is longer than a block.
     pub fn sample_block(&mut self, sensors: Range<usize>, sampling: &Sampling, slot: u64) -> Sampled {
-        if sampling.is_drawn() || self.cohorts.is_some() {
+        if sampling.is_drawn() {
             let mut bits = [0; BLOCK];
             let bits = &mut bits[..sensors.len()];
             sampling.fill(slot, sensors.clone(), bits);
-            return self.store_block(sensors, bits, sampling, slot);
+            return self.store_block(sensors, bits, sampling);
         }
         let queues_bits = &mut self.bits[sensors.clone()];
         let before = slot.saturating_sub(1);
@@ -98,29 +87,15 @@ impl Queues {
         }
     }
 
-    /// Each of the consecutive `sensors` samples these `bits` in `slot`, and full ones lose the excess.
-    pub(crate) fn store_block(
-        &mut self,
-        sensors: Range<usize>,
-        bits: &[u64],
-        sampling: &Sampling,
-        slot: u64,
-    ) -> Sampled {
+    /// Each of the consecutive `sensors` samples these `bits`, and full ones lose the excess.
+    pub(crate) fn store_block(&mut self, sensors: Range<usize>, bits: &[u64], sampling: &Sampling) -> Sampled {
         let queues_bits = &mut self.bits[sensors.clone()];
-        if let Some(cohorts) = &mut self.cohorts {
-            let lost_bits = cohorts.store(slot, sensors, bits, queues_bits, &sampling.capacity_bits);
-            return Sampled { sampled_bits: bits.iter().sum(), lost_bits };
-        }
         fill(queues_bits, bits.iter().copied(), sensors.map(|sensor| sampling.capacity_bits.of(sensor)))
     }
 
     /// Empties the queue of SN `sensor` without an upload, and returns the bits removed.
-    pub(crate) fn clear(&mut self, sensor: usize) -> u64 {
-        let bits = take(&mut self.bits[sensor]);
-        if let Some(cohorts) = &mut self.cohorts {
-            let _ = cohorts.take_oldest(sensor, bits.into());
-        }
-        bits.into()
+    pub(crate) fn clear(&mut self, sensor: usize) -> u32 {
+        take(&mut self.bits[sensor])
     }
 
     /// Removes up to `capacity_bits` from the queue of SN `sensor`, and returns the bits removed: a link cannot carry
@@ -128,14 +103,11 @@ impl Queues {
     ///
     /// # Panics
     /// If the SN is unknown.
-    pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u64 {
+    pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u32 {
         let queue_bits = &mut self.bits[sensor];
         let taken_bits = capacity_bits.min(u64::from(*queue_bits)) as u32;
         *queue_bits -= taken_bits;
-        if let Some(cohorts) = &mut self.cohorts {
-            cohorts.upload(sensor, taken_bits);
-        }
-        taken_bits.into()
+        taken_bits
     }
 }
 

@@ -4,7 +4,6 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::arrivals::{Arrivals, DrawnArrivals, bits_between, is_quick, sampled_bits, slot_of_bit};
-use crate::cohorts::Expiry;
 use crate::per_sensor::PerSensor;
 
 /// The sampling of an SN, and its buffer.
@@ -52,8 +51,8 @@ pub struct Sampling {
     highest_mean_bits: f64,
     /// The arrivals; `None` if they are constant, or only their means are known.
     arrivals: Option<Arc<Arrivals>>,
-    /// How long bits are stored; `None` if none expires.
-    pub(crate) expiry: Option<Expiry>,
+    /// Slots in which bits are stored; infinite where they do not expire.
+    lasting_slots: f64,
 }
 
 impl Sampling {
@@ -67,12 +66,18 @@ impl Sampling {
     /// The sampling with these means [bit], by id, and the same buffers.
     #[must_use]
     pub fn with_means(&self, mean_bits: Vec<f64>) -> Self {
-        Self::of_buffers(mean_bits, self.capacity_bits.clone()).with_expiry(self.expiry)
+        Self::of_buffers(mean_bits, self.capacity_bits.clone()).with_lasting_slots(self.lasting_slots)
     }
 
     fn of_buffers(mean_bits: Vec<f64>, capacity_bits: PerSensor<u32>) -> Self {
         let highest_mean_bits = mean_bits.iter().copied().fold(0.0, f64::max);
-        Self { mean_bits: PerSensor::new(mean_bits), capacity_bits, highest_mean_bits, arrivals: None, expiry: None }
+        Self {
+            mean_bits: PerSensor::new(mean_bits),
+            capacity_bits,
+            highest_mean_bits,
+            arrivals: None,
+            lasting_slots: f64::INFINITY,
+        }
     }
 
     /// The sampling with these arrivals, or with constant ones.
@@ -81,10 +86,20 @@ impl Sampling {
         Self { arrivals: arrivals.map(Arc::new), ..self }
     }
 
-    /// The sampling of bits that expire, or do not.
+    /// The sampling of bits that are stored in so many slots; infinite where they do not expire.
     #[must_use]
-    pub fn with_expiry(self, expiry: Option<Expiry>) -> Self {
-        Self { expiry, ..self }
+    pub fn with_lasting_slots(self, lasting_slots: f64) -> Self {
+        Self { lasting_slots, ..self }
+    }
+
+    /// The sampling into these buffers.
+    pub(crate) fn with_buffers(self, capacity_bits: PerSensor<u32>) -> Self {
+        Self { capacity_bits, ..self }
+    }
+
+    /// Slots in which bits are stored; infinite where they do not expire.
+    pub fn lasting_slots(&self) -> f64 {
+        self.lasting_slots
     }
 
     /// Whether the arrivals are drawn; otherwise they are constant, and counted by [`crate::arrivals::sampled_bits`].
@@ -98,7 +113,7 @@ impl Sampling {
         Sampler {
             mean_bits: self.mean_bits.of(sensor),
             capacity_bits: self.capacity_bits.of(sensor),
-            lasting_slots: self.expiry.map_or(f64::INFINITY, |expiry| expiry.slots as f64 + 1.0),
+            lasting_slots: self.lasting_slots,
         }
     }
 
@@ -180,17 +195,15 @@ impl Sampling {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cohorts::Overflow;
 
     #[test]
     fn what_expires_counts_as_a_smaller_buffer() {
         // 2.5 bit a slot into 20 bit: full in 8 slots; with an age of at most 3 slots, 10 bit in 4 slots.
         let sampling = Sampling::new(vec![2.5, 0.0], vec![20, 20]);
-        let expiry = Expiry { slots: 3, overflow: Overflow::Newest };
         let figures = |sampling: &Sampling| (sampling.of(0).lossless_slots(), sampling.of(0).stored_bits());
         assert_eq!(figures(&sampling), (8.0, 20));
-        assert_eq!(figures(&sampling.clone().with_expiry(Some(expiry))), (4.0, 10));
-        assert_eq!(figures(&sampling.with_expiry(Some(Expiry { slots: 90, ..expiry }))), (8.0, 20));
+        assert_eq!(figures(&sampling.clone().with_lasting_slots(4.0)), (4.0, 10));
+        assert_eq!(figures(&sampling.with_lasting_slots(91.0)), (8.0, 20));
     }
 
     #[test]

@@ -10,7 +10,6 @@ mod mission;
 mod motion;
 mod preset_rates;
 mod rules;
-mod sensors;
 mod simplified;
 mod sites;
 mod track;
@@ -23,20 +22,20 @@ use toml::{Table, Value};
 
 pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
+pub use crate::nodes::SensorKeys;
+pub use crate::nodes::energy::HARVEST;
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
-pub use mission::{CHANNEL, HARVEST, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, name_refusal};
-pub use sensors::SensorKeys;
-pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
+pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, name_refusal};
 pub use simplified::{SharedZones, SimplifiedZones};
 pub use track::{MOST_TRACK_SLOTS, TimedPoint, slot_ends};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 pub use zones::LEAST_FILLED;
 
 use crate::channel::{LinkMap, LinkModel, RateTable};
-use crate::cohorts::Expiry;
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
+use crate::nodes::{NodeKeys, NodeTraits};
 use crate::presets;
 use crate::terminal::shell_path;
 
@@ -93,31 +92,20 @@ pub struct Overrides {
 /// assert_eq!(table, toml::toml! { sensors.count = 9 });
 /// ```
 impl Scenario {
-    /// Whether SNs may be told as dead or silent: they have batteries or a duty cycle (decision D33).
-    pub fn may_refuse(&self) -> bool {
-        self.sensors.energy.is_some() || self.link.duty_cycle.is_some()
+    /// What the features of the SNs read of the mission.
+    pub fn node_keys(&self) -> NodeKeys<'_> {
+        let Self { sensors, link, slot_s, slots, .. } = self;
+        NodeKeys { sensors, link, slot_s: *slot_s, slots: *slots, uavs: self.uav.uavs() }
     }
 
-    /// Whether a loss rate counts initial queues as sampled: bits expire or SNs die, so that these may be lost, too
-    /// (decisions D33 and D36).
-    pub fn counts_initial(&self) -> bool {
-        self.sensors.energy.is_some() || self.expiry().is_some()
+    /// What follows from the features of the SNs together.
+    pub fn node_traits(&self) -> NodeTraits {
+        self.node_keys().traits()
     }
 
     /// The slots that an SN may wait for a service, by `sensors.deadline_s` (decision D36).
     pub fn deadline_slots(&self) -> Option<u64> {
-        self.sensors.deadline_s.map(|deadline_s| self.whole_slots(deadline_s))
-    }
-
-    /// How long bits are stored, by `sensors.expiry_s` (decision D36); `None` if none expires in the mission.
-    pub fn expiry(&self) -> Option<Expiry> {
-        let slots = self.whole_slots(self.sensors.expiry_s?);
-        (slots < self.slots).then(|| Expiry { slots, overflow: self.sensors.overflow.unwrap_or_default() })
-    }
-
-    /// The whole slots in `time_s` [s], up to rounding.
-    pub(crate) fn whole_slots(&self, time_s: f64) -> u64 {
-        (time_s / self.slot_s + 1e-9).floor() as u64 // saturates
+        self.sensors.deadline_s.map(|deadline_s| self.node_keys().whole_slots(deadline_s))
     }
 
     /// Reads and checks a file. A relative sensor list is relative to the file's folder.

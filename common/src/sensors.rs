@@ -12,12 +12,13 @@ mod rows;
 use std::ops::Range;
 
 pub use list::{Sensor, SensorList};
-pub use rows::{COLUMNS, check_name};
+pub use rows::{check_name, columns};
 
 use crate::arrivals::mean_bits;
 use crate::geometry::Position;
 use crate::limits::Limits;
 use crate::message::SensorNode;
+use crate::nodes::NodeTraits;
 use crate::sampling::{Sampler, Sampling};
 use crate::scenario::Scenario;
 use crate::weights::Weights;
@@ -38,8 +39,8 @@ pub struct Sensors {
     pub sampling: Sampling,
     /// Weights of their bits, `w_i` (decision D25).
     pub weights: Weights,
-    /// Whether they have batteries or a duty cycle (decision D33): queues are told with
-    /// [`DEAD`](crate::node_energy::DEAD) and [`SILENT`](crate::node_energy::SILENT).
+    /// Whether they may not answer (decision D33): queues are told with [`DEAD`](crate::nodes::DEAD) and
+    /// [`SILENT`](crate::nodes::SILENT).
     pub may_refuse: bool,
     /// Whether a loss rate counts their initial queues as sampled (decisions D33 and D36).
     pub counts_initial: bool,
@@ -67,12 +68,9 @@ impl Sensors {
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
         let sensors = Self::new(&Limits::of(scenario), nodes);
-        Self {
-            sampling: sensors.sampling.with_expiry(scenario.expiry()),
-            may_refuse: scenario.may_refuse(),
-            counts_initial: scenario.counts_initial(),
-            ..sensors
-        }
+        let NodeTraits { may_refuse, loses_initial, lasting_slots } = scenario.node_traits();
+        let sampling = sensors.sampling.with_lasting_slots(lasting_slots);
+        Self { sampling, may_refuse, counts_initial: loses_initial, ..sensors }
     }
 
     /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
@@ -92,7 +90,7 @@ impl Sensors {
                 samplers.iter().map(|sampler| sampler.mean_bits).collect(),
                 samplers.iter().map(|sampler| sampler.capacity_bits).collect(),
             )
-            .with_expiry(self.sampling.expiry),
+            .with_lasting_slots(self.sampling.lasting_slots()),
             may_refuse: self.may_refuse,
             counts_initial: self.counts_initial,
         }

@@ -4,14 +4,12 @@ use std::borrow::Cow;
 use std::mem::MaybeUninit;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::airtime::Airtime;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
-use skysink_common::cohorts::Cohorts;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
-use skysink_common::node_energy::{Charges, DEAD, SILENT, is_out};
+use skysink_common::nodes::{Answer, NodeFeatures, is_out};
 use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -135,8 +133,10 @@ impl Field {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        if self.ledger.may_refuse() {
+        if !self.ledger.features().is_empty() {
             self.slot_bits.lost_bits += self.ledger.end_slot(slot, &beacons(flights).collect::<Vec<_>>());
+        }
+        if self.ledger.may_refuse() {
             queues_bits.into_iter().for_each(|copy| _ = copy.write_copy_of_slice(&self.ledger.told_bits()));
         }
         self.belief.advance(slot, flights, &reported, &self.ledger.told_bits());
@@ -154,27 +154,31 @@ impl Field {
         self.ledger.queues_bits()
     }
 
-    /// The queues after the slot as the UAV believes them to be [bit], by sensor node: [`DEAD`] of those that it knows
-    /// to be dead, and [`SILENT`] more of those without airtime.
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node, told with the answers that it
+    /// knows ([`Answer::told_bits`]).
     pub fn told_belief(&self) -> Cow<'_, [u32]> {
         if !self.ledger.may_refuse() {
             return Cow::Borrowed(self.believed_bits());
         }
-        let told = |(id, &bits): (u32, &u32)| match self.ledger.told_bits_of(id as usize) {
-            told_bits if self.belief.is_dead(told_bits, id) => DEAD,
-            _ if self.is_out(id) => bits | SILENT,
-            _ => bits,
-        };
-        (0..).zip(self.believed_bits()).map(told).collect()
+        (0..).zip(self.believed_bits()).map(|(id, &bits)| self.believed_answer(id).told_bits(bits)).collect()
     }
 
-    /// Whether the UAV knows that the sensor node `sensor` is dead or without airtime.
+    /// What the UAV knows of the answer of the sensor node `sensor`.
+    fn believed_answer(&self, sensor: u32) -> Answer {
+        match self.ledger.told_bits_of(sensor as usize) {
+            told_bits if self.belief.is_dead(told_bits, sensor) => Answer::Dead,
+            told_bits if self.belief.is_out(told_bits, sensor) => Answer::Silent,
+            _ => Answer::Queue,
+        }
+    }
+
+    /// Whether the UAV knows that the sensor node `sensor` is dead or silent.
     pub fn is_out(&self, sensor: u32) -> bool {
-        self.ledger.may_refuse() && self.belief.is_out(self.ledger.told_bits_of(sensor as usize), sensor)
+        self.ledger.may_refuse() && self.believed_answer(sensor) != Answer::Queue
     }
 
     /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be
-    /// dead or without airtime.
+    /// dead or silent.
     pub fn servable_bits(&self) -> Cow<'_, [u32]> {
         let mut told_bits = self.told_belief();
         if self.ledger.may_refuse() {
@@ -183,8 +187,7 @@ impl Field {
         told_bits
     }
 
-    /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones, [`SILENT`] more of those
-    /// without airtime.
+    /// Queue lengths [bit] as planners are told, by sensor node ([`Ledger::told_bits`]).
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         self.ledger.told_bits()
     }
@@ -213,14 +216,7 @@ impl Field {
     /// # Panics
     /// If the sensor node is unknown.
     pub fn freshest_slot(&self, sensor: usize) -> Option<u64> {
-        self.ledger.cohorts().map(|cohorts| cohorts.freshest_slot(sensor))
-    }
-
-    /// Bytes of a checkpoint that its cohorts, charges and airtimes take at most.
-    pub fn further_bytes(&self) -> usize {
-        let charge_bytes = self.ledger.charges().map_or(0, |_| Charges::BYTES_PER_SENSOR);
-        let each_bytes = self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor) + charge_bytes;
-        each_bytes * self.queues_bits().len() + self.ledger.airtime().map_or(0, Airtime::most_bytes)
+        self.ledger.features().freshest_slot(sensor)
     }
 
     /// Whether the sensor node `sensor`, which a UAV served in the last slot, has answered
@@ -229,9 +225,9 @@ impl Field {
         self.ledger.has_answered(sensor)
     }
 
-    /// The charges of the sensor nodes; `None` without batteries.
-    pub fn charges(&self) -> Option<&Charges> {
-        self.ledger.charges()
+    /// The features of the sensor nodes.
+    pub fn features(&self) -> &NodeFeatures {
+        self.ledger.features()
     }
 
     /// Totals since the mission's start.
@@ -246,8 +242,7 @@ impl Field {
     }
 }
 
-/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. Those of the
-/// charges, the airtimes and, where bits expire, the cohorts follow.
+/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. Those of the features follow.
 #[derive(Serialize, Deserialize)]
 struct State {
     slot: u64,
@@ -271,38 +266,18 @@ impl Checkpoint for Field {
         let drawn_bits = self.ledger.drawn_bits().map(|bits| serde_bytes::ByteBuf::from(bytemuck::cast_slice(bits)));
         let Self { slot, slot_bits, .. } = *self;
         encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits }, bytes);
-        self.ledger.charges().into_iter().for_each(|charges| charges.save(bytes));
-        self.ledger.airtime().into_iter().for_each(|airtime| airtime.save(bytes));
-        self.ledger.cohorts().into_iter().for_each(|cohorts| cohorts.save(bytes));
+        self.features().save(bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let (state, mut left) = decode_first(bytes)?;
+        let (state, features) = decode_first(bytes)?;
         let State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits } = state;
-        let mut ledger = self.ledger.clone();
-        if let Some(charges) = self.ledger.charges() {
-            let (restored, rest) = charges.restored(slot, left)?;
-            ledger = ledger.with_charges(Some(restored));
-            left = rest;
-        }
-        if let Some(airtime) = self.ledger.airtime() {
-            let (restored, rest) = airtime.restored(slot, left)?;
-            ledger = ledger.with_airtime(Some(restored));
-            left = rest;
-        }
-        let mut cohorts = ledger.cohorts().cloned();
-        match &mut cohorts {
-            Some(cohorts) => cohorts.restore(left)?,
-            None => CheckpointError::ensure(left.is_empty(), "no bytes after the state")?,
-        }
+        CheckpointError::ensure(slot <= self.slots, "a slot of this mission")?;
         let mut belief = self.belief.restored(slot, estimate)?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let drawn_bits: Option<Vec<u64>> = drawn_bits.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
-        let is_possible =
-            slot <= self.slots && ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref(), cohorts);
-        CheckpointError::ensure(is_possible, "a possible state of this field")?;
-        self.ledger = ledger;
+        self.ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref(), features)?;
         self.slot = slot;
         self.slot_bits = slot_bits;
         belief.predict(slot);

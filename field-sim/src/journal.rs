@@ -32,7 +32,7 @@ const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + 2 * size_of::<u64>() +
 /// # Errors
 /// If a file cannot be opened or read.
 pub fn journal(folder: &RingFolder, field: &Field, uavs: usize) -> Result<Journal, RingError> {
-    let state_bytes = STATE_BYTES[0] + STATE_BYTES[1] * field.queues_bits().len() + field.further_bytes();
+    let state_bytes = STATE_BYTES[0] + STATE_BYTES[1] * field.queues_bits().len() + field.features().most_bytes();
     let input_bytes = Some(uavs * size_of::<FlightReport>());
     let policy = Policy { state_every: STATE_EVERY, states: STATES, state_bytes, input_bytes };
     Journal::open(&folder.journal("field"), policy)

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
-use skysink_common::channel::{Channel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
+use skysink_common::channel::{Channel, Draw, DrawnChannel, LinkBudget, LinkService};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
 use skysink_common::scenario::Scenario;
 
+use crate::contacts::SlotContacts;
 use crate::vehicle::Vehicle;
 
 /// A UAV over its field.
@@ -22,8 +23,7 @@ pub struct Flight {
     link: LinkBudget,
     /// Where the slot began, if the links count that were seen from there.
     seen_from: Option<Point3<f64>>,
-    /// The sensor nodes that it has served in the last slot.
-    contacts: Vec<u32>,
+    contacts: SlotContacts,
     streams: Streams,
     comm_radius_m: f64,
     resource_blocks: usize,
@@ -47,7 +47,7 @@ impl Flight {
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             link: scenario.link.clone(),
             seen_from: None,
-            contacts: Vec::new(),
+            contacts: SlotContacts::default(),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
             is_reported_down: false,
@@ -123,26 +123,12 @@ impl Flight {
         self.vehicle.energy_j = report.energy_j;
         self.vehicle.swapped_slots = report.swapped_slots();
         self.is_reported_down = report.mode == Mode::Down as u32;
-        self.keep_contacts(report);
+        self.contacts.restore(report);
     }
 
-    /// Lets the sensor nodes that `report` serves share the time of the slot, and new contacts be set up in it
-    /// (decision D39).
+    /// Lets the sensor nodes that `report` serves share the time of the slot ([`SlotContacts::share_time`]).
     pub(crate) fn share_time(&mut self, report: &mut FlightReport) {
-        if self.link.setup_s.is_none() && self.link.sharing.is_none() {
-            return;
-        }
-        let served = report.served as usize;
-        for link in &mut report.links[..served] {
-            let is_new = !self.contacts.contains(&link.sensor);
-            link.capacity_bits = carried_bits(link.rate_bps, self.link.contact_s(served, is_new));
-        }
-        self.keep_contacts(report);
-    }
-
-    fn keep_contacts(&mut self, report: &FlightReport) {
-        self.contacts.clear();
-        self.contacts.extend(report.served_links().iter().map(|link| link.sensor));
+        self.contacts.share_time(&self.link, report);
     }
 
     /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A

@@ -2,6 +2,7 @@
 //!
 //! Every plan is checked. The queues are left to field-sim.
 
+mod contacts;
 pub mod fleet;
 pub mod flight;
 #[cfg(feature = "node")]

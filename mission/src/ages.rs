@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use skysink_common::cohorts::Overflow;
+use skysink_common::nodes::keys::Overflow;
 use skysink_common::sampling::Sampling;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
@@ -262,8 +262,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use skysink_common::arrivals::Poisson;
-    use skysink_common::cohorts::Expiry;
     use skysink_common::ledger::Ledger;
+    use skysink_common::nodes::NodeFeature;
+    use skysink_common::nodes::expiry::{Cohorts, Expiry};
     use skysink_common::random::Streams;
 
     #[test]
@@ -334,9 +335,11 @@ mod tests {
             let initial_bits = initial_bits.min(capacity_bits);
             let drawn = Poisson::new(2.0, Streams::new(initial_bits.into()));
             let sampling = Sampling::new(means.clone(), vec![capacity_bits; means.len()])
-                .with_arrivals(is_drawn.then(|| drawn.into()))
-                .with_expiry(expiry_slots.map(|slots| Expiry { slots, overflow }));
-            let mut ledger = Ledger::new(sampling.clone(), vec![initial_bits; means.len()]);
+                .with_arrivals(is_drawn.then(|| drawn.into()));
+            let queues_bits = vec![initial_bits; means.len()];
+            let cohorts = expiry_slots.map(|slots| Cohorts::new(Expiry { slots, overflow }, &queues_bits));
+            let features = cohorts.map(NodeFeature::from).into_iter().collect();
+            let mut ledger = Ledger::new(sampling.clone(), queues_bits).with_features(features);
             let mut queues: Vec<BitQueue> = means.iter()
                 .map(|_| BitQueue { slots: VecDeque::from(vec![0; initial_bits as usize]), freshest: 0 }).collect();
             let mut data = DeliveredData::over(sampling.clone(), overflow, means.iter().map(|_| initial_bits));
@@ -357,7 +360,7 @@ mod tests {
                     data.add(served, slot, Delivered {
                         bits: ledger.delivered_bits()[served],
                         queue_bits: ledger.queues_bits()[served].into(),
-                        freshest_slot: ledger.cohorts().map(|cohorts| cohorts.freshest_slot(served)),
+                        freshest_slot: ledger.features().freshest_slot(served),
                     });
                     for _ in 0..link_bits {
                         if let Some(sampled) = queues[served].slots.pop_front() {

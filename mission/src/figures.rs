@@ -10,7 +10,7 @@ use skysink_common::build::{VERSION, build};
 use skysink_common::figure::{Figure, FigureKind, FigureSource, Report, Support};
 use skysink_common::figures;
 use skysink_common::message::{Mode, SolverOutcome};
-use skysink_common::node_energy::NodeEnergyUse;
+use skysink_common::nodes::energy::NodeEnergyUse;
 use strum::{EnumCount, VariantArray};
 
 use crate::numbers::{figure, grouped, jain};
@@ -259,7 +259,7 @@ figures! {
     held_slots (HeldSlots): u64 = COUNT { label: "slots held" }, each |held, slot| *held += slot.flown(Mode::Hold);
     /// Requests of plans that were refused: waypoints, and sensor nodes to serve.
     refused (Refused): u64 = COUNT { label: "requests refused" },
-        each |refused, slot| *refused += slot.record.flights.iter().map(|flight| u64::from(flight.refused)).sum::<u64>();
+        each |refused, slot| *refused += slot.record.flights().iter().map(|flight| u64::from(flight.refused)).sum::<u64>();
     /// Slots in transit (decision D8).
     transit_slots: u64 = COUNT { label: "slots in transit" }, each |transit, slot| *transit += slot.flown(Mode::Transit);
     /// What several UAVs did together; no value with one. All other figures are sums over them.

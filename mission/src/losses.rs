@@ -1,9 +1,8 @@
-//! What the sensor nodes (SNs) of a mission lose by weight and by expiry, and the energy that they use, which the
-//! totals of its messages do not say.
+//! What the sensor nodes (SNs) of a mission lose by weight, and the states of their features, which the totals of its
+//! messages do not say.
 
 use skysink_common::geometry::Position;
 use skysink_common::ledger::Ledger;
-use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, beacons, uploads};
@@ -22,14 +21,13 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// The losses before slot 1; `None` where all weights are equal, no bits expire, and SNs have neither
-    /// batteries nor a duty cycle.
+    /// The losses before slot 1; `None` where all weights are equal, and the SNs have no features.
     pub(crate) fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
         let sampling = list.sampling(scenario);
         let weights = list.weights(&sampling);
         let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
         let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
-        let is_needed = !weights.are_equal() || scenario.expiry().is_some() || scenario.may_refuse();
+        let is_needed = !weights.are_equal() || scenario.node_keys().rows().next().is_some();
         let expiring_bits = weights.sum(list.expiring_bits(scenario));
         is_needed.then(|| Self { ledger: list.ledger(scenario), weights, slot: 0, mean_bits, expiring_bits })
     }
@@ -38,15 +36,10 @@ impl Losses {
     pub(crate) fn add(&mut self, record: &SlotRecord) {
         self.slot = record.slot();
         self.ledger.sample(self.slot);
-        for link in uploads(&record.flights) {
+        for link in uploads(record.flights()) {
             let _ = self.ledger.serve(self.slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
         }
-        self.ledger.end_slot(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
-    }
-
-    /// What the batteries gave so far; `None` without batteries.
-    pub(crate) fn node_energy(&self) -> Option<NodeEnergyUse> {
-        Some(self.ledger.charges()?.summed_up(self.ledger.totals().delivered_bits))
+        self.ledger.end_slot(self.slot, &beacons(record.flights()).collect::<Vec<Position>>());
     }
 
     /// Bits lost so far by weight (decision D25); `None` where all weights are equal.

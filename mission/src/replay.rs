@@ -113,7 +113,7 @@ impl Replay {
         }
         self.trace.check_end(&self.summary)?;
         // The trace does not say which served SNs have answered.
-        let known = if self.scenario.may_refuse() { FigureSource::Trace } else { FigureSource::Answers };
+        let known = if self.scenario.node_traits().may_refuse { FigureSource::Trace } else { FigureSource::Answers };
         self.recompute(known);
         Ok(())
     }
@@ -180,8 +180,8 @@ impl Observer for Uploads {
             let before_bits = std::mem::replace(&mut self.delivered_bits[sensor], delivered_bits[sensor]);
             delivered_bits[sensor] - before_bits
         };
-        let uploads_bits = record.flights.iter().map(|flight| {
-            let served = flight.served_links().iter().map(|link| link.sensor as usize);
+        let uploads_bits = record.uavs().map(|row| {
+            let served = row.flight.served_links().iter().map(|link| link.sensor as usize);
             served.map(&mut upload_bits).collect()
         });
         self.by_slot.push(uploads_bits.collect());

@@ -5,9 +5,9 @@ use std::time::Duration;
 use hdrhistogram::Histogram;
 use skysink_common::base::Base;
 use skysink_common::battery::Battery;
-use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, Mode, Plan, Totals};
-use skysink_common::node_energy::NodeEnergyUse;
+use skysink_common::nodes::energy::NodeEnergyUse;
+use skysink_common::nodes::{Airtime, Charges, Cohorts, NodeFeatures};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -162,13 +162,12 @@ pub struct CountedSlot<'a> {
 impl CountedSlot<'_> {
     /// Number of UAVs that flew in this mode.
     pub fn flown(&self, mode: Mode) -> u64 {
-        self.record.flights.iter().filter(|flight| flight.flown_mode() == mode).count() as u64
+        self.record.flights().iter().filter(|flight| flight.flown_mode() == mode).count() as u64
     }
 
     /// The plans that were there when the slot began.
     pub fn plans(&self) -> impl Iterator<Item = &Plan> {
-        let plans = self.record.plans.iter().zip(&self.record.flights);
-        plans.filter(|(_, flight)| !is_late(flight)).filter_map(|(plan, _)| plan.as_ref())
+        self.record.uavs().filter(|row| !is_late(row.flight)).filter_map(|row| row.plan)
     }
 }
 
@@ -180,8 +179,8 @@ impl RunSums {
         let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
         let base = scenario.landing_base();
         let pad_wait_s = base.as_ref().filter(|base| !base.sites().is_empty()).map(|_| 0.0);
-        let full = |battery: Battery| EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
-        let full = Battery::of(scenario).map(full);
+        let battery = Battery::of(scenario);
+        let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
         Self {
             labels: MissionLabels {
                 name: scenario.name.clone(),
@@ -209,7 +208,7 @@ impl RunSums {
             objective: objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights),
             served: 0,
             uavs,
-            energy: full.iter().flat_map(|full| vec![*full; uavs]).collect(),
+            energy: ByUav::from_elem(full, if battery.is_endless() { 0 } else { uavs }),
             base,
             slot_s: scenario.slot_s,
             pace: mode.pace,
@@ -289,7 +288,8 @@ impl RunSums {
 
     /// Bits lost so far because of their age; `None` where none expire.
     pub fn expired_bits(&self) -> Option<u64> {
-        self.expires.then(|| self.ledger().map_or(0, Ledger::expired_bits))
+        let cohorts = || self.features()?.find::<Cohorts>();
+        self.expires.then(|| cohorts().map_or(0, Cohorts::expired_bits))
     }
 
     /// What the slots so far cost by `planner.objective` (decision D36); `None` where only bits count.
@@ -329,12 +329,12 @@ impl RunSums {
 
     /// What the batteries of the sensor nodes gave so far; `None` without them.
     pub fn node_energy(&self) -> Option<NodeEnergyUse> {
-        self.losses.as_ref().and_then(Losses::node_energy)
+        Some(self.features()?.find::<Charges>()?.summed_up(self.totals.delivered_bits))
     }
 
     /// Services refused so far for want of airtime; `None` where it has no limit.
     pub fn refused_duty(&self) -> Option<u64> {
-        Some(self.ledger()?.airtime()?.refused())
+        Some(self.features()?.find::<Airtime>()?.refused())
     }
 
     /// The wall-clock figures so far, after the wall time `wall`.
@@ -366,24 +366,24 @@ impl RunSums {
         if let Some(losses) = &mut self.losses {
             losses.add(record);
         }
-        self.add_services(&record.flights);
-        for (energy, flight) in self.energy.iter_mut().zip(&record.flights) {
+        self.add_services(record.flights());
+        for (energy, flight) in self.energy.iter_mut().zip(record.flights()) {
             energy.add(self.slots, self.slot_s, flight);
         }
-        self.missed_deadlines += record.flights.iter().filter(|flight| is_late(flight)).count() as u64;
+        self.missed_deadlines += record.flights().iter().filter(|flight| is_late(flight)).count() as u64;
         slot.plans().for_each(|plan| self.plan_ns.saturating_record(plan.plan_ns));
         let has_landed = |flight: &FlightReport, base: &Base| {
             base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down
         };
         let base = self.base.as_ref();
-        self.landed = base.map(|base| record.flights.iter().all(|flight| has_landed(flight, base)));
+        self.landed = base.map(|base| record.flights().iter().all(|flight| has_landed(flight, base)));
         if let Some(fleet) = &mut self.fleet {
             fleet.add(record, base);
         }
     }
 
-    fn ledger(&self) -> Option<&Ledger> {
-        self.losses.as_ref().map(|losses| &losses.ledger)
+    fn features(&self) -> Option<&NodeFeatures> {
+        self.losses.as_ref().map(|losses| losses.ledger.features())
     }
 
     /// Whether all data is there before slot 1, and there is some.

@@ -263,21 +263,20 @@ impl PyScenario {
     /// ``capacity_bits`` and ``weight``; with ``[sensors.energy]`` also ``capacity_j`` and ``harvest_w``.
     fn sensors(&self) -> PyResult<PyTable> {
         let list = self.list()?;
-        let numbers = |of: fn(&Sensor) -> Option<f64>| -> ArrayRef {
-            Arc::new(Float64Array::from_iter_values(list.sensors().iter().filter_map(of)))
+        let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {
+            Arc::new(Float64Array::from_iter_values(list.sensors().iter().map(of)))
         };
         let mut columns: Vec<(&str, ArrayRef)> = vec![
-            ("x_m", numbers(|sensor| Some(sensor.position.x))),
-            ("y_m", numbers(|sensor| Some(sensor.position.y))),
+            ("x_m", numbers(|sensor| sensor.position.x)),
+            ("y_m", numbers(|sensor| sensor.position.y)),
             ("queue_bits", Arc::new(UInt32Array::from(list.queues_bits()))),
-            ("gain_db", numbers(|sensor| Some(sensor.gain_db))),
-            ("sampling_bps", numbers(|sensor| Some(sensor.sampling_bps))),
+            ("gain_db", numbers(|sensor| sensor.gain_db)),
+            ("sampling_bps", numbers(|sensor| sensor.sampling_bps)),
             ("capacity_bits", Arc::new(UInt32Array::from_iter_values(list.sensors().iter().map(|s| s.capacity_bits)))),
-            ("weight", numbers(|sensor| Some(sensor.weight))),
+            ("weight", numbers(|sensor| sensor.weight)),
         ];
-        if self.scenario.sensors.energy.is_some() {
-            columns.push(("capacity_j", numbers(|sensor| Some(sensor.battery.as_ref()?.capacity_j))));
-            columns.push(("harvest_w", numbers(|sensor| Some(sensor.battery.as_ref()?.harvest_w))));
+        for column in list.columns() {
+            columns.push((column.name, Arc::new(Float64Array::from_iter_values(column.values.iter().copied()))));
         }
         PyTable::new(columns)
     }

@@ -58,7 +58,7 @@ impl TrialFlight {
         let mut round = FirstRound { is_served: vec![false; sensors], unserved: sensors, slots: None };
         mission.drive(&mut [&mut round], &Stop::default())?;
         let totals = mission.header().totals;
-        let loss_rate = totals.loss_rate(scenario.counts_initial());
+        let loss_rate = totals.loss_rate(scenario.node_traits().loses_initial);
         Ok(Self { strategy, lost_bits: totals.lost_bits, loss_rate, round_slots: round.slots })
     }
 }
@@ -72,7 +72,7 @@ struct FirstRound {
 
 impl SlotSink for FirstRound {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
-        for link in uploads(&record.flights) {
+        for link in uploads(record.flights()) {
             self.unserved -= usize::from(!std::mem::replace(&mut self.is_served[link.sensor as usize], true));
         }
         if self.unserved == 0 {

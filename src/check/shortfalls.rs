@@ -16,8 +16,6 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
     let is_windy = scenario.uav.wind_mps.is_some_and(|wind_mps| wind_mps != [0.0; 2]);
     let is_wrong = Settings::of(scenario).is_ok_and(|settings| settings.link.is_some());
     let rules = [
-        (scenario.sensors.energy.is_some(), "batteries of sensor nodes: deaths, when they are known, but no charges"),
-        (scenario.link.duty_cycle.is_some(), "duty cycles: who is silent, but not what airtime is left"),
         (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also by their spread"),
         (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
         (
@@ -36,7 +34,10 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
         (is_windy, "wind: by the reach that is left against it, in every direction"),
         (!weights.are_equal() && !unweighted.is_empty(), &*without_weights),
     ];
-    rules.into_iter().filter(|(applies, _)| *applies).map(|(_, sentence)| sentence.to_owned()).collect()
+    let node_keys = scenario.node_keys();
+    let of_features = node_keys.rows().filter_map(|row| row.unplanned);
+    let of_models = rules.into_iter().filter(|(applies, _)| *applies).map(|(_, sentence)| sentence);
+    of_features.chain(of_models).map(str::to_owned).collect()
 }
 
 #[cfg(test)]

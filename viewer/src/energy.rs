@@ -5,7 +5,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{AnnotationContext, LineStrips3D, Scalars};
 use re_sdk_types::components::{ClassId, Radius};
 use re_sdk_types::datatypes::AnnotationInfo;
-use skysink_common::node_energy::DEAD;
+use skysink_common::nodes::DEAD;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -67,13 +67,14 @@ impl NodeEnergy {
         let crosses = dead().flat_map(|foot| self.cross(foot));
         canvas.show(DEAD_MARKS, &LineStrips3D::update_fields().with_strips(crosses))?;
         canvas.append(ALIVE, &Scalars::single((self.feet.len() - dead().count()) as f64))?;
-        let Some(charges) = view.charges else {
+        let Some(features) = view.features else {
             let was_shown = std::mem::take(&mut self.is_shown);
             return if was_shown { canvas.clear(ENERGY) } else { Ok(()) };
         };
         self.is_shown = true;
         let rings = self.feet.iter().map(|foot| circle_of(*foot, self.radius_m, self.corners));
-        let levels = charges.fractions().map(|fraction| ClassId::from(level(fraction)));
+        let left = (0..self.feet.len()).map(|id| features.level(id).unwrap_or_default());
+        let levels = left.map(|fraction| ClassId::from(level(fraction)));
         canvas.show(ENERGY, &LineStrips3D::update_fields().with_strips(rings).with_class_ids(levels))
     }
 

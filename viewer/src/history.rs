@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::{FlightReport, Totals};
-use skysink_common::node_energy::{DEAD, held_bits};
+use skysink_common::nodes::{DEAD, held_bits};
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;

@@ -255,7 +255,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             paths: paths.as_ref().map_or(&[], |paths| paths.payload()),
             flights: &flight,
             heard: heard.as_ref().map_or(&[], |heard| heard.payload()),
-            charges: self.ledger.as_ref().and_then(Ledger::charges),
+            features: self.ledger.as_ref().map(Ledger::features),
             slots_per_s,
             plan_ms: plan.map(|plans| plans.iter().map(|plan| plan.plan_ns).sum::<u64>() as f64 / 1e6),
         })?;

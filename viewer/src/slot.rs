@@ -1,8 +1,8 @@
 //! The input of a scene: all data of one slot.
 
 use skysink_common::message::{FlightReport, HeardLink, PathPoint, Plan, QueuesHeader};
-use skysink_common::node_energy::Charges;
-use skysink_common::slot_record::UAV;
+use skysink_common::nodes::NodeFeatures;
+use skysink_common::slot_record::{UAV, UavSlot};
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -24,7 +24,7 @@ pub enum WallClock {
 pub struct SlotView<'a> {
     /// The slot.
     pub slot: u64,
-    /// Queue of every sensor node after the slot [bit]; [`DEAD`](skysink_common::node_energy::DEAD) of a dead one.
+    /// Queue of every sensor node after the slot [bit]; [`DEAD`](skysink_common::nodes::DEAD) of a dead one.
     pub queues_bits: &'a [u32],
     /// Bits of the slot and since the start.
     pub header: &'a QueuesHeader,
@@ -36,8 +36,8 @@ pub struct SlotView<'a> {
     pub flights: &'a [FlightReport],
     /// What the UAVs hear of links, with `link.beacon_radius_m`.
     pub heard: &'a [HeardLink],
-    /// The charges of the sensor nodes; `None` without batteries, or if slots have been missed.
-    pub charges: Option<&'a Charges>,
+    /// The features of the sensor nodes; `None` where they are unknown, as if slots have been missed.
+    pub features: Option<&'a NodeFeatures>,
     /// Slots per second of wall time, if measured.
     pub slots_per_s: Option<f64>,
     /// Wall time of planning the slot [ms], if measured.
@@ -45,6 +45,15 @@ pub struct SlotView<'a> {
 }
 
 impl SlotView<'_> {
+    /// What the slot left of each UAV, in the order of their numbers.
+    pub(crate) fn uavs(&self) -> impl ExactSizeIterator<Item = UavSlot<'_>> {
+        self.flights.iter().enumerate().map(|(uav, flight)| {
+            let first_of = |uav: usize| self.paths.partition_point(|point| (point.uav as usize) < uav);
+            let plan = self.plans.get(uav).and_then(Option::as_ref);
+            UavSlot { uav, plan, path: &self.paths[first_of(uav)..first_of(uav + 1)], flight }
+        })
+    }
+
     /// The flight of the first UAV.
     pub(crate) fn flight(&self) -> &FlightReport {
         &self.flights[UAV]

@@ -3,7 +3,7 @@
 use std::mem::discriminant;
 
 use crate::checkpoint::CheckpointError;
-use crate::node_energy::DEAD;
+use crate::nodes::DEAD;
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Estimate, Learnt};

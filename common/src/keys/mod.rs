@@ -13,9 +13,15 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
+use crate::error::InputError;
+
 pub use interval::{Interval, WholeInterval};
 pub use reader::{Source, fill, read};
 pub use setting::{Setting, SettingOrigin};
+
+/// Checks a rule between keys: whether it holds, the dotted key that is refused where it does not, and what is expected
+/// there. Keys that are not given are not refused.
+pub type Rule<'a> = &'a dyn Fn(bool, &str, &str) -> Result<(), InputError>;
 
 /// A table of a scenario file, declared by [`keys!`](crate::keys!).
 pub trait Keys: Serialize + DeserializeOwned {

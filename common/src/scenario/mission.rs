@@ -8,7 +8,6 @@ use toml::{Table, Value};
 
 use super::area::Area;
 use super::base::BaseKeys;
-use super::sensors::SensorKeys;
 use super::simplified::SharedZones;
 use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
@@ -16,12 +15,10 @@ use crate::channel::{LinkBudget, LinkModel};
 use crate::error::InputError;
 use crate::geodata::plausible::NamedPolygon;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
+use crate::nodes::{NODE_ROWS, SensorKeys};
 
 /// The file of the arrivals in a run folder.
 pub const TRACE: &str = "arrivals.csv";
-
-/// The file of the harvested power in a run folder.
-pub const HARVEST: &str = "harvest.csv";
 
 /// The file of a channel in a run folder.
 pub const CHANNEL: &str = "channel.csv";
@@ -153,15 +150,17 @@ impl Scenario {
     }
 
     /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
-    /// [`TRACE`], harvested power in [`HARVEST`], and a table of rates or a map of links in [`CHANNEL`], with
+    /// [`TRACE`], files of features by their names, and a table of rates or a map of links in [`CHANNEL`], with
     /// [`RATES`]. Presets are expanded.
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
         if let Some(ArrivalKeys { file: Some(file), .. }) = &mut sensors.arrivals {
             *file = TRACE.into();
         }
-        if let Some(file) = sensors.energy.as_mut().and_then(|energy| energy.harvest_file.as_mut()) {
-            *file = HARVEST.into();
+        for file in NODE_ROWS.into_iter().filter_map(|row| row.file) {
+            if let Some(path) = (file.of_keys)(&mut sensors) {
+                *path = file.name.into();
+            }
         }
         let mut link = self.link.clone();
         if link.table.is_some() {

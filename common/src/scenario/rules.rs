@@ -9,7 +9,6 @@ use toml::{Table, Value};
 
 use super::mission::Scenario;
 use super::motion::check_moves;
-use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use super::zones;
 use crate::arrivals::MAX_SAMPLED_BITS;
@@ -18,7 +17,8 @@ use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
-use crate::node_energy::{SILENT, WakeMode};
+use crate::nodes::keys::MAX_FIELD_BITS;
+use crate::nodes::{NODE_ROWS, SILENT};
 use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
@@ -54,27 +54,14 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         .arrivals
         .iter()
         .flat_map(|arrivals| [("sensors.arrivals.on_s", arrivals.on_s), ("sensors.arrivals.off_s", arrivals.off_s)]);
-    for (key, time_s) in of_arrivals.chain([("sensors.expiry_s", sensors.expiry_s)]) {
+    for (key, time_s) in of_arrivals {
         let expected = format!("at least the slot's {} s", scenario.slot_s);
         rule(time_s.is_none_or(|time_s| time_s >= scenario.slot_s), key, &expected)?;
     }
-    if let Some(energy) = &sensors.energy {
-        let is_listening = matches!(energy.wake, Some(WakeMode::Always | WakeMode::Scheduled));
-        let expected = "none without wake = \"always\" or \"scheduled\"";
-        rule(is_listening || energy.listen_w.is_none(), "sensors.energy.listen_w", expected)?;
-        let expected = "listen_w, the power of listening, beside it";
-        rule(!is_listening || energy.listen_w.is_some(), "sensors.energy.wake", expected)?;
-        let has_radio = energy.wake == Some(WakeMode::Radio);
-        let expected = "wake_j, the energy of a service, beside it";
-        rule(!has_radio || energy.wake_j.is_some(), "sensors.energy.wake", expected)?;
-        let has_capacity = energy.capacity_j.is_some() || sensors.file.is_some();
-        rule(has_capacity, "sensors.energy", "capacity_j in it, or a column of that name in sensors.file")?;
-    }
-    let is_told = !scenario.may_refuse() || sensors.capacity_bits.ends()[1] < SILENT - 1;
+    let node_keys = scenario.node_keys();
+    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, &rule))?;
+    let is_told = !node_keys.traits().may_refuse || sensors.capacity_bits.ends()[1] < SILENT - 1;
     rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
-    rule(link.duty_cycle.is_some(), "link.duty_window_s", "none without link.duty_cycle")?;
-    let is_window = link.duty_window_s.is_none_or(|window_s| window_s >= scenario.slot_s);
-    rule(is_window, "link.duty_window_s", &format!("at least the slot's {} s", scenario.slot_s))?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
     rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;

@@ -10,17 +10,17 @@ use rand_distr::{Distribution, Poisson};
 use super::Sensors;
 use super::rows::{self, Rows};
 use crate::airspace::Polygon;
-use crate::airtime::Airtime;
 use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
 use crate::ledger::Ledger;
 use crate::message::SensorNode;
-use crate::node_energy::{Charges, HarvestTrace, NodeBattery};
+use crate::nodes::energy::HarvestTrace;
+use crate::nodes::{NodeColumn, NodeFeatures, NodeRow, NodeSetup};
 use crate::random::{Purpose, Streams};
 use crate::sampling::Sampling;
-use crate::scenario::{CHANNEL, HARVEST, Interval, RATES, Scenario, TRACE};
+use crate::scenario::{CHANNEL, Interval, RATES, Scenario, TRACE};
 use crate::units::ratio_of_db;
 use crate::weights::Weights;
 
@@ -39,8 +39,38 @@ pub struct Sensor {
     pub capacity_bits: u32,
     /// Weight of its bits, `w_i` (decision D25); 1 if the list has no weights.
     pub weight: f64,
-    /// Its battery (decision D33); `None` without `[sensors.energy]`.
-    pub battery: Option<NodeBattery>,
+}
+
+/// A column of a feature of the sensor nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FeatureColumn {
+    /// Its name.
+    pub name: &'static str,
+    /// Its numbers, by id.
+    pub values: Vec<f64>,
+    /// Whether the scenario alone does not tell the columns of the feature.
+    is_own: bool,
+}
+
+impl FeatureColumn {
+    /// The columns of the features that the mission has, for `count` sensor nodes; `listed` are those of the list.
+    fn of(scenario: &Scenario, count: usize, listed: &[(&'static str, Vec<f64>)]) -> Vec<Self> {
+        let keys = scenario.node_keys();
+        let column = |column: &NodeColumn| {
+            let of_keys = (column.of_keys)(keys.sensors);
+            let own = listed.iter().find(|(name, _)| *name == column.name).map(|(_, values)| values.clone());
+            let of_all = || vec![of_keys.expect("a list without this column is refused"); count];
+            let values = own.unwrap_or_else(of_all);
+            Self { name: column.name, is_own: values.iter().any(|value| Some(*value) != of_keys), values }
+        };
+        let of_row = |row: NodeRow| {
+            let mut columns: Vec<Self> = row.columns.iter().map(column).collect();
+            let is_own = columns.iter().any(|column| column.is_own);
+            columns.iter_mut().for_each(|column| column.is_own = is_own);
+            columns
+        };
+        keys.rows().flat_map(of_row).collect()
+    }
 }
 
 /// All sensor nodes of a mission, at least one; SN i is entry i.
@@ -53,19 +83,16 @@ pub struct SensorList {
     ground_m: Vec<f64>,
     /// The arrivals, if they are those of a file.
     trace: Option<ArrivalTrace>,
-    /// The harvested power, if it is that of a file.
-    harvest: Option<HarvestTrace>,
+    /// The columns of the features that the mission has.
+    columns: Vec<FeatureColumn>,
+    /// The files of these features, by their names in a run folder.
+    files: Vec<(&'static str, HarvestTrace)>,
     /// Whether the scenario alone does not tell the buffers.
     has_own_buffers: bool,
-    /// Whether it alone does not tell the batteries.
-    has_own_batteries: bool,
 }
 
 /// Most arrivals at random: sensor nodes times slots.
 const MOST_ARRIVALS: f64 = 1e8;
-
-/// Most cohorts of bits that expire: sensor nodes times the slots in which bits are stored, of 4 bytes.
-const MOST_COHORTS: f64 = 2.5e8;
 
 impl SensorList {
     /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
@@ -132,7 +159,7 @@ impl SensorList {
     }
 
     fn new(rows: Rows, scenario: &Scenario) -> Result<Self, InputError> {
-        let Rows { sensors, mut names, ground_m } = rows;
+        let Rows { sensors, mut names, ground_m, columns } = rows;
         if names.iter().all(String::is_empty) {
             names.clear();
         }
@@ -141,9 +168,13 @@ impl SensorList {
             (None, Some(path)) => Some(ArrivalTrace::read(&path, &sampling_bps)?),
             (held, _) => held.clone(),
         };
-        let energy = scenario.sensors.energy.as_ref();
-        let harvest = energy.and_then(|energy| energy.harvest_file.as_ref());
-        let harvest = harvest.map(|file| HarvestTrace::read(&scenario.beside(file), sensors.len())).transpose()?;
+        let keys = scenario.node_keys();
+        let mut files = Vec::new();
+        for file in keys.rows().filter_map(|row| row.file) {
+            if let Some(path) = (file.of_keys)(&mut keys.sensors.clone()) {
+                files.push((file.name, HarvestTrace::read(&scenario.beside(path), sensors.len())?));
+            }
+        }
         let law = scenario.arrival_law();
         let refuse = |key: &str, value: f64, expected: &str| {
             Err(InputError::new("scenario", &scenario.path, format_args!("{key} = {value}: expected {expected}")))
@@ -153,12 +184,8 @@ impl SensorList {
             let expected = format!("at most {most} with arrivals at random from {} sensor nodes", sensors.len());
             return refuse("slots", scenario.slots as f64, &expected);
         }
-        let most_slots = (MOST_COHORTS / sensors.len() as f64).floor() - 1.0;
-        if scenario.expiry().is_some_and(|expiry| expiry.slots as f64 > most_slots) {
-            let [most_s, mission_s] = [most_slots, scenario.slots as f64].map(|slots| slots * scenario.slot_s);
-            let expected =
-                format!("at most {most_s} with {} sensor nodes, or the mission's {mission_s} s", sensors.len());
-            return refuse("sensors.expiry_s", scenario.sensors.expiry_s.unwrap_or(f64::NAN), &expected);
+        if let Some(refusal) = keys.rows().find_map(|row| (row.refusal)(&keys, sensors.len())) {
+            return refuse(refusal.key, refusal.value, &refusal.expected);
         }
         if let ArrivalLaw::OnOff { on_slots, off_slots } = law {
             let highest_bps = sampling_bps.iter().copied().fold(0.0, f64::max);
@@ -171,9 +198,8 @@ impl SensorList {
         }
         let plain_bits = scenario.sensors.capacity_bits.ends();
         let has_own_buffers = sensors.iter().any(|sensor| [sensor.capacity_bits; 2] != plain_bits);
-        let plain = energy.and_then(|energy| energy.battery(None, None));
-        let has_own_batteries = sensors.iter().any(|sensor| sensor.battery != plain);
-        Ok(Self { sensors, names, ground_m, trace, harvest, has_own_buffers, has_own_batteries })
+        let columns = FeatureColumn::of(scenario, sensors.len(), &columns);
+        Ok(Self { sensors, names, ground_m, trace, columns, files, has_own_buffers })
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
@@ -181,19 +207,19 @@ impl SensorList {
         let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
         let listed = hash(scenario_hash, self.to_csv());
         let arrivals = self.trace.iter().fold(listed, |seed, trace| hash(seed, trace.to_csv()));
-        self.harvest.iter().fold(arrivals, |seed, harvest| hash(seed, harvest.to_csv()))
+        self.files.iter().fold(arrivals, |seed, (_, file)| hash(seed, file.to_csv()))
     }
 
     /// The files that a scenario with this list names besides the list, by their names in a run folder.
     pub fn files_beside(&self, scenario: &Scenario) -> impl Iterator<Item = (&'static str, String)> {
         let trace = self.trace.as_ref().map(|trace| (TRACE, trace.to_csv()));
-        let harvest = self.harvest.as_ref().map(|harvest| (HARVEST, harvest.to_csv()));
+        let of_features = self.files.iter().map(|(name, file)| (*name, file.to_csv()));
         let table = scenario.link.table.map(|table| (CHANNEL, table.to_csv()));
         let (levels, rates) = scenario.link.map.map_or((None, None), |map| {
             let (levels, rates) = map.to_csv();
             (Some((CHANNEL, levels)), rates.map(|rates| (RATES, rates)))
         });
-        trace.into_iter().chain(harvest).chain(table).chain(levels).chain(rates)
+        trace.into_iter().chain(of_features).chain(table).chain(levels).chain(rates)
     }
 
     /// The arrivals, if they are those of a file.
@@ -202,27 +228,20 @@ impl SensorList {
     }
 
     /// The list as a CSV file with all columns: that of buffers if one is not that of the scenario, that of weights if
-    /// one is not 1, that of the ground if the list had it, and that of names if there are some. Floats round-trip
-    /// exactly.
+    /// one is not 1, those of a feature if one is not that of the scenario, that of the ground if the list had it, and
+    /// that of names if there are some. Floats round-trip exactly.
     pub fn to_csv(&self) -> String {
         let has_buffers = self.has_own_buffers;
         let has_weights = self.has_own_weights();
-        let has_batteries = self.has_own_batteries;
+        let own_columns = || self.columns.iter().filter(|column| column.is_own);
         let mut text = rows::WRITTEN.join(",");
-        let further = [
-            (has_buffers, rows::CAPACITY),
-            (has_weights, rows::WEIGHT),
-            (has_batteries, rows::BATTERY),
-            (has_batteries, rows::HARVEST),
-            (!self.ground_m.is_empty(), rows::GROUND),
-        ];
-        further
-            .into_iter()
-            .filter(|(is_written, _)| *is_written)
-            .for_each(|(_, name)| text.push_str(&format!(",{name}")));
+        let further = [(has_buffers, rows::CAPACITY), (has_weights, rows::WEIGHT)].into_iter();
+        let further = further.chain(own_columns().map(|column| (true, column.name)));
+        let further = further.chain([(!self.ground_m.is_empty(), rows::GROUND)]);
+        further.filter(|(is_written, _)| *is_written).for_each(|(_, name)| text.push_str(&format!(",{name}")));
         self.end_line(&mut text, rows::NAME);
         for (id, sensor) in self.sensors.iter().enumerate() {
-            let Sensor { position, queue_bits, gain_db, sampling_bps, capacity_bits, weight, battery } = sensor;
+            let Sensor { position, queue_bits, gain_db, sampling_bps, capacity_bits, weight } = sensor;
             text.push_str(&format!("{},{},{queue_bits},{gain_db},{sampling_bps}", position.x, position.y));
             if has_buffers {
                 text.push_str(&format!(",{capacity_bits}"));
@@ -230,9 +249,7 @@ impl SensorList {
             if has_weights {
                 text.push_str(&format!(",{weight}"));
             }
-            if let Some(NodeBattery { capacity_j, harvest_w }) = battery.filter(|_| has_batteries) {
-                text.push_str(&format!(",{capacity_j},{harvest_w}"));
-            }
+            own_columns().for_each(|column| text.push_str(&format!(",{}", column.values[id])));
             if let Some(ground_m) = self.ground_m.get(id) {
                 text.push_str(&format!(",{ground_m}"));
             }
@@ -305,23 +322,41 @@ impl SensorList {
         let law = scenario.arrival_law();
         let arrivals = Arrivals::of(law, self.trace.as_ref(), streams, self.sensors.len(), scenario.slots);
         let capacities_bits = self.sensors.iter().map(|sensor| sensor.capacity_bits).collect();
-        Sampling::new(mean_bits, capacities_bits).with_arrivals(arrivals).with_expiry(scenario.expiry())
+        Sampling::new(mean_bits, capacities_bits)
+            .with_arrivals(arrivals)
+            .with_lasting_slots(scenario.node_traits().lasting_slots)
     }
 
-    /// The batteries before slot 1; `None` if the sensor nodes have none.
-    pub fn charges(&self, scenario: &Scenario) -> Option<Charges> {
-        let batteries: Vec<NodeBattery> = self.sensors.iter().filter_map(|sensor| sensor.battery).collect();
-        let positions = self.sensors.iter().map(|sensor| sensor.position);
-        let radius_m = scenario.link.comm_radius_m;
-        let keys = scenario.sensors.energy.clone()?;
-        Some(Charges::new(keys, scenario.slot_s, &batteries, self.harvest.clone(), positions, radius_m))
+    /// The columns of the features that the mission has.
+    pub fn columns(&self) -> &[FeatureColumn] {
+        &self.columns
+    }
+
+    /// The features of the sensor nodes before slot 1.
+    pub fn features(&self, scenario: &Scenario) -> NodeFeatures {
+        let keys = scenario.node_keys();
+        let queues_bits = self.queues_bits();
+        let column = |name: &str| -> &[f64] {
+            let found = self.columns.iter().find(|column| column.name == name);
+            &found.expect("a list has the columns of the features of its mission").values
+        };
+        let position = |id: usize| self.sensors[id].position;
+        let make = |row: NodeRow| {
+            let file = row.file.and_then(|file| self.files.iter().find(|(name, _)| *name == file.name));
+            (row.make)(&NodeSetup {
+                keys,
+                queues_bits: &queues_bits,
+                position: &position,
+                column: &column,
+                file: file.map(|(_, file)| file),
+            })
+        };
+        keys.rows().filter_map(make).collect()
     }
 
     /// The ledger before slot 1.
     pub fn ledger(&self, scenario: &Scenario) -> Ledger {
-        Ledger::new(self.sampling(scenario), self.queues_bits())
-            .with_charges(self.charges(scenario))
-            .with_airtime(Airtime::of(scenario, self.sensors.len()))
+        Ledger::new(self.sampling(scenario), self.queues_bits()).with_features(self.features(scenario))
     }
 
     /// The sensor nodes with what they sample: the truth, which a planner does not know.
@@ -336,7 +371,7 @@ impl SensorList {
 
     /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all of them or none.
     pub fn expiring_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
-        let counts = scenario.counts_initial();
+        let counts = scenario.node_traits().loses_initial;
         self.sensors.iter().map(move |sensor| if counts { f64::from(sensor.queue_bits) } else { 0.0 })
     }
 
@@ -388,7 +423,6 @@ fn draw(scenario: &Scenario, border: Option<&Polygon>, id: u32) -> Sensor {
         sampling_bps: draw_sampling_bps(scenario, id),
         capacity_bits,
         weight: 1.0,
-        battery: scenario.sensors.energy.as_ref().and_then(|energy| energy.battery(None, None)),
     }
 }
 

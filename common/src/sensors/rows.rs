@@ -10,17 +10,17 @@ use crate::channel::{Channel, ChannelModel, draw_gain_db};
 use crate::error::{line_of, quoted};
 use crate::geodata::projection::Projection;
 use crate::geometry::Position;
-use crate::keys::{Accepts, NOT_NEGATIVE};
-use crate::node_energy::{CAPACITY_J, SILENT};
+use crate::nodes::keys::{MAX_FIELD_BITS, MAX_SENSORS};
+use crate::nodes::{self, NODE_ROWS, NodeColumn, SILENT};
 use crate::random::Streams;
-use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};
+use crate::scenario::{Area, Scenario};
 use crate::weights::WEIGHTS;
 
 /// Columns in which a list is always written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
-/// Columns that a list may have, and their values, also for `docs/src/input-files.md`.
-pub const COLUMNS: [(&str, &str); 13] = [
+/// Columns that a list may have, and their values, before those of features.
+const FIRST: [(&str, &str); 9] = [
     ("x_m", "0 to the width of the area [m]"),
     ("y_m", "0 to the height of the area [m]"),
     (
@@ -36,21 +36,30 @@ pub const COLUMNS: [(&str, &str); 13] = [
     ("sampling_bps", "0 or above"),
     (CAPACITY, "buffer: whole bits, 1 to 4294967295; 2147483646 with batteries or a duty cycle"),
     (WEIGHT, "what a bit of this SN is worth, 1e-6 to 1e6: strategies value weighted queues (decision D25)"),
-    (BATTERY, "battery of the SN, only with `[sensors.energy]`"),
-    (HARVEST, "harvested power of the SN, only with `[sensors.energy]`"),
+];
+
+/// Those after the columns of features.
+const LAST: [(&str, &str); 2] = [
     (GROUND, "altitude of the ground above sea level, -500 to 9000, for exports"),
     (NAME, "text of at most 100 characters, shown instead of `SN 7`"),
 ];
+
+/// Columns that a list may have, and their values, also for `docs/src/input-files.md`.
+pub fn columns() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let of_features = nodes::columns().map(|column| (column.name, column.words));
+    FIRST.into_iter().chain(of_features).chain(LAST)
+}
+
+/// The names of the columns, of which the first `skipped` are left out.
+fn names_of_columns(skipped: usize) -> String {
+    columns().skip(skipped).map(|(name, _)| name).collect::<Vec<_>>().join(",")
+}
 
 /// The column of buffers, which is written if one is not that of the scenario.
 pub(super) const CAPACITY: &str = "capacity_bits";
 
 /// The column of weights, which is written if one is not 1.
 pub(super) const WEIGHT: &str = "weight";
-
-/// The columns of batteries [J] and harvested power [W], which are written if one is not that of the scenario.
-pub(super) const BATTERY: &str = "capacity_j";
-pub(super) const HARVEST: &str = "harvest_w";
 
 /// The column of the ground's altitudes, which is written if the list has it.
 pub(super) const GROUND: &str = "ground_m";
@@ -63,12 +72,10 @@ pub(super) const NAME: &str = "name";
 
 /// Columns beside which these keys of the scenario are not read. A planner that estimates queues is told the range of
 /// rates, and of initial queues.
-const PRIOR: [(&str, &str); 4] = [
-    ("sampling_bps", "sensors.sampling_bps"),
-    (CAPACITY, "sensors.capacity_bits"),
-    (BATTERY, "sensors.energy.capacity_j"),
-    (HARVEST, "sensors.energy.harvest_w"),
-];
+fn prior() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let of_features = nodes::columns().map(|column| (column.name, column.key));
+    [("sampling_bps", "sensors.sampling_bps"), (CAPACITY, "sensors.capacity_bits")].into_iter().chain(of_features)
+}
 
 /// Most characters of a name.
 const MOST_CHARACTERS: usize = 100;
@@ -99,6 +106,8 @@ pub(super) struct Rows {
     pub names: Vec<String>,
     /// The altitude of the ground at each [m]; empty without such a column.
     pub ground_m: Vec<f64>,
+    /// Its columns of features, by name.
+    pub columns: Vec<(&'static str, Vec<f64>)>,
 }
 
 /// Reads the text of a list. The error names the row by `locate`, given its index and line, the value, and what was
@@ -109,7 +118,9 @@ pub(super) fn read(text: &str, scenario: &Scenario, locate: impl Fn(usize, u64) 
     let header = reader.headers().map_err(|error| in_header(error.to_string()))?.clone();
     let table = Table::of(&header, scenario).map_err(in_header)?;
     let mission_s = scenario.slot_s * scenario.slots as f64;
-    let Rows { mut sensors, mut names, mut ground_m } = Rows::default();
+    let Rows { mut sensors, mut names, mut ground_m, .. } = Rows::default();
+    let mut columns: Vec<(&NodeColumn, Vec<f64>)> =
+        table.feature_columns().map(|column| (column, Vec::new())).collect();
     let mut field_bits = 0.0;
     for row in reader.records() {
         let at = |position: Option<&csv::Position>, message: String| {
@@ -132,6 +143,9 @@ pub(super) fn read(text: &str, scenario: &Scenario, locate: impl Fn(usize, u64) 
         }
         let expected = format!("the altitude of the ground, {} to {} m, not a void", GROUND_M.start(), GROUND_M.end());
         let ground = table.number(&row, GROUND, &expected, |value| GROUND_M.contains(&value));
+        for (column, values) in &mut columns {
+            values.extend(table.feature(&row, column).map_err(|message| at(line, message))?);
+        }
         ground_m.extend(ground.map_err(|message| at(line, message))?);
         names.extend(table.name(&row).map_err(|message| at(line, message))?);
         sensors.push(sensor);
@@ -139,7 +153,8 @@ pub(super) fn read(text: &str, scenario: &Scenario, locate: impl Fn(usize, u64) 
     if sensors.is_empty() {
         return Err(in_header("no rows: expected at least one sensor node".to_owned()));
     }
-    Ok(Rows { sensors, names, ground_m })
+    let columns = columns.into_iter().map(|(column, values)| (column.name, values)).collect();
+    Ok(Rows { sensors, names, ground_m, columns })
 }
 
 /// The line of a row of a list, from 1.
@@ -163,9 +178,8 @@ impl<'a> Table<'a> {
     fn of(header: &'a csv::StringRecord, scenario: &'a Scenario) -> Result<Self, String> {
         let names: Vec<&str> = header.iter().collect();
         for (index, name) in names.iter().enumerate() {
-            if !COLUMNS.iter().any(|(column, _)| column == name) {
-                let columns = COLUMNS.map(|(column, _)| column).join(",");
-                return Err(format!("column `{}`: expected one of {columns}", quoted(name)));
+            if !columns().any(|(column, _)| column == *name) {
+                return Err(format!("column `{}`: expected one of {}", quoted(name), names_of_columns(0)));
             }
             if names[..index].contains(name) {
                 return Err(format!("column `{}` twice: expected it once", quoted(name)));
@@ -173,18 +187,25 @@ impl<'a> Table<'a> {
         }
         let knowledge = scenario.planner.others.get("knowledge").and_then(toml::Value::as_str);
         for setting in scenario.settings.iter().filter(|_| knowledge != Some("estimated")) {
-            if let Some((name, _)) = PRIOR.iter().find(|(name, key)| setting.key == *key && names.contains(name)) {
+            if let Some((name, _)) = prior().find(|(name, key)| setting.key == *key && names.contains(name)) {
                 let origin = setting.origin;
                 return Err(format!("column `{name}`: expected none, as it has priority over {origin} {setting}"));
             }
         }
         let refuse = |expected: &str| format!("header `{}`: expected {expected}", quoted(&names.join(",")));
-        let energy = &scenario.sensors.energy;
-        if let Some(name) = [BATTERY, HARVEST].iter().find(|name| energy.is_none() && names.contains(name)) {
-            return Err(format!("column `{name}`: expected it only with [sensors.energy] in the scenario"));
-        }
-        if energy.as_ref().is_some_and(|energy| energy.capacity_j.is_none()) && !names.contains(&BATTERY) {
-            return Err(refuse("a column capacity_j, or sensors.energy.capacity_j in the scenario"));
+        let keys = scenario.node_keys();
+        for row in NODE_ROWS {
+            let is_given = (row.traits)(&keys).is_some();
+            if let Some(column) = row.columns.iter().find(|column| !is_given && names.contains(&column.name)) {
+                let key = row.key;
+                return Err(format!("column `{}`: expected it only with {key} in the scenario", column.name));
+            }
+            let is_missing =
+                |column: &&NodeColumn| (column.of_keys)(keys.sensors).is_none() && !names.contains(&column.name);
+            if let Some(NodeColumn { name, key, .. }) = row.columns.iter().find(|column| is_given && is_missing(column))
+            {
+                return Err(refuse(&format!("a column {name}, or {key} in the scenario")));
+            }
         }
         let projection = match ["x_m", "y_m", "lat_deg", "lon_deg"].map(|name| names.contains(&name)) {
             [true, true, false, false] => None,
@@ -193,10 +214,9 @@ impl<'a> Table<'a> {
                 Some(Projection::at(scenario.area.origin().ok_or_else(|| refuse(expected))?))
             }
             _ => {
-                let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally \
-                               queue_bits,gain_db,sampling_bps,capacity_bits,weight,\
-                               capacity_j,harvest_w,ground_m,name";
-                return Err(refuse(columns));
+                let others = names_of_columns(4);
+                let columns = format!("x_m,y_m or lat_deg,lon_deg, not both, and optionally {others}");
+                return Err(refuse(&columns));
             }
         };
         Ok(Self { scenario, header, projection, has_own_gains: Channel::of(&scenario.link).has_own_gains() })
@@ -206,7 +226,7 @@ impl<'a> Table<'a> {
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
-        let most_bits = if scenario.may_refuse() { SILENT - 2 } else { u32::MAX };
+        let most_bits = if scenario.node_traits().may_refuse { SILENT - 2 } else { u32::MAX };
         let is_buffer = |value: f64| (1.0..=f64::from(most_bits)).contains(&value) && value.fract() == 0.0;
         let own_bits = self.number(row, CAPACITY, &format!("whole bits, 1 to {most_bits}"), is_buffer)?;
         let capacity_bits = own_bits.map_or_else(|| draw_capacity_bits(scenario, id), |bits| bits as u32);
@@ -222,11 +242,6 @@ impl<'a> Table<'a> {
         let is_rate = |value: f64| (0.0..=highest_bps).contains(&value);
         let expected = "a finite rate, 0 or above, at most 9e15 bits over the mission";
         let sampling_bps = self.number(row, "sampling_bps", expected, is_rate)?;
-        let own = |column, accepts: Accepts| {
-            let is_accepted = |value: f64| accepts.refusal(&toml::Value::Float(value)).is_none();
-            self.number(row, column, &accepts.expected(), is_accepted)
-        };
-        let [capacity_j, harvest_w] = [own(BATTERY, CAPACITY_J)?, own(HARVEST, NOT_NEGATIVE)?];
         Ok(Sensor {
             position,
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id, capacity_bits), |bits| bits as u32),
@@ -237,8 +252,18 @@ impl<'a> Table<'a> {
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
             capacity_bits,
             weight: weight.unwrap_or(1.0),
-            battery: scenario.sensors.energy.as_ref().and_then(|energy| energy.battery(capacity_j, harvest_w)),
         })
+    }
+
+    /// The columns of features that the list has.
+    fn feature_columns(&self) -> impl Iterator<Item = &'static NodeColumn> {
+        nodes::columns().filter(|column| self.header.iter().any(|name| name == column.name))
+    }
+
+    /// The number of a row in the column of a feature.
+    fn feature(&self, row: &csv::StringRecord, column: &NodeColumn) -> Result<Option<f64>, String> {
+        let is_accepted = |value: f64| column.accepts.refusal(&toml::Value::Float(value)).is_none();
+        self.number(row, column.name, &column.accepts.expected(), is_accepted)
     }
 
     /// The name in a row, which may be empty; `None` if the list has no column of names.

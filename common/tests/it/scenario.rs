@@ -242,8 +242,8 @@ fn batteries_are_those_of_the_list_or_else_of_the_scenario() {
     };
     let energy = "[sensors.energy]\nharvest_w = 0.5\n";
     let list = parse_list(energy, "x_m,y_m,capacity_j\n1,2,30\n3,4,40\n").unwrap();
-    let batteries = list.sensors().iter().map(|sensor| sensor.battery.unwrap());
-    assert!(batteries.map(|own| (own.capacity_j, own.harvest_w)).eq([(30.0, 0.5), (40.0, 0.5)]));
+    let batteries = list.columns().iter().map(|column| (column.name, &column.values[..]));
+    assert!(batteries.eq([("capacity_j", &[30.0, 40.0][..]), ("harvest_w", &[0.5, 0.5])]));
     assert!(list.to_csv().starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,capacity_j,harvest_w\n"));
     assert_eq!(parse_list(energy, &list.to_csv()).unwrap(), list, "as in a run folder");
     let plain = parse_list("[sensors.energy]\ncapacity_j = 7.0\n", "x_m,y_m,harvest_w\n1,2,0\n").unwrap();

@@ -10,7 +10,6 @@ use skysink_common::build::{VERSION, build, commit_of};
 use skysink_common::channel::LinkMap;
 use skysink_common::error::InputError;
 use skysink_common::geometry::{Position, above, within};
-use skysink_common::node_energy::Charges;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
@@ -125,8 +124,8 @@ fn map(run: &Path, links_of: Option<&str>, stop: &Stop) -> Result<(MappedRun, Tr
             energy: None,
         })
         .collect();
-    let left = replay.plant().field().charges().into_iter().flat_map(Charges::fractions);
-    sensors.iter_mut().zip(left).for_each(|(sensor, left)| sensor.energy = Some(left));
+    let features = replay.plant().field().features();
+    sensors.iter_mut().enumerate().for_each(|(id, sensor)| sensor.energy = features.level(id));
     let path_m = |uav: usize| {
         let ends = flown.iter().map(|slot| slot[uav].position);
         std::iter::once(scenario.start_of(uav)).chain(ends).map(|at| at.xy().coords.into()).collect()

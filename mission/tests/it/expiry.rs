@@ -2,7 +2,6 @@
 
 use crate::support::scenario_of;
 use proptest::prelude::*;
-use skysink_common::ledger::Ledger;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -69,7 +68,7 @@ fn list_with_a_sampling_node(scenario: &Scenario) -> SensorList {
 /// What a gap of `gap` slots after a full service in slot `from` loses of bits of `scenario`, slot by slot.
 fn simulated_bits(scenario: &Scenario, from: u64, gap: u64) -> u64 {
     let list = SensorList::of(scenario).unwrap();
-    let mut ledger = Ledger::new(list.sampling(scenario), vec![0]);
+    let mut ledger = list.ledger(scenario);
     let mut before_bits = 0;
     for slot in 1..=from + gap {
         ledger.sample(slot);

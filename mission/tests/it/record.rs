@@ -84,9 +84,9 @@ impl Case {
         let (mut log, reader) = folder.reopen_slot_log().unwrap();
         let mut lines = RecordedLines::new(&folder, reader, &self.scenario);
         let mut are_same = Vec::new();
-        for SlotRecord { flights, header, .. } in self.mission().take(slots) {
+        for record in self.mission().take(slots) {
             assert!(lines.next_slot().unwrap().is_some());
-            are_same.push(log.repeat(lines.lines(), &flights, &header).unwrap());
+            are_same.push(log.repeat(lines.lines(), record.flights(), &record.header).unwrap());
         }
         (folder, log, are_same)
     }
@@ -172,6 +172,64 @@ fn an_unmodified_run_is_replayed_to_its_end() {
     let written = RunFolder::open_to_read(&case.out()).unwrap().summary().unwrap();
     assert!(written.loss_rate > 0.0 && written.complete);
     assert_eq!(case.replayed(), Ok(json(&written)));
+}
+
+/// The summaries, as JSON, of a mission over `rows` of a list whose flights another flight-sim has reported, as written
+/// and as added up again. It has flown over links by `others` of the keys.
+fn reported(keys: &str, others: &str, rows: &str) -> [String; 2] {
+    let of = |keys: &str| {
+        let text = format!("name = 'x'\nslots = 60\narea.side_m = 60.0\nsensors.file = 'l.csv'\n{keys}");
+        let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default());
+        scenario.and_then(settings::resolve).unwrap()
+    };
+    let [scenario, flown] = [of(keys), of(&(keys.to_owned() + others))];
+    let list = SensorList::parse(rows, Path::new("l.csv"), &scenario).unwrap();
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("run");
+    let mode = RunMode { external: vec!["flight-sim".to_owned()], ..RunMode::default() };
+    let folder = RunFolder::create(Some(&out), Earlier::Kept, &scenario, &list, &mode).unwrap();
+    let mut log = folder.slot_log().unwrap();
+    let mut tally = Tally::new(&scenario, &list, &mode);
+    let mission = Mission::new(&flown, &list).unwrap();
+    tally.start(&mission.header());
+    for record in mission {
+        log.add(&record).unwrap();
+        tally.add(&record).unwrap();
+    }
+    folder.write_summary(&tally.summary(Duration::ZERO, log.hash())).unwrap();
+    drop((log, folder));
+    let mut replay = Replay::open(&out).unwrap();
+    let written = json(replay.summary());
+    replay.add_up(&Stop::default()).unwrap();
+    [written, json(replay.summary())]
+}
+
+#[test]
+fn reported_flights_are_added_up_to_every_figure_of_the_run() {
+    const ROWS: &str = "x_m,y_m,queue_bits,sampling_bps\n10,10,9000,900\n50,12,0,400\n30,55,200,2000\n8,48,29000,0\n";
+    let weighted = ROWS.replace("bps\n", "bps,weight\n").replace("900\n", "900,5\n");
+    let weighted = weighted.replace("400\n", "400,1\n").replace("2000\n", "2000,1\n").replace(",0\n", ",0,1\n");
+    let initial = ROWS.replace(",900\n", ",0\n").replace(",400\n", ",0\n").replace(",2000\n", ",0\n");
+    let energy =
+        "sensors.energy = { capacity_j = 2.0, sleep_w = 0.04, harvest_w = 0.005, tx_w = 20.0, wake_j = 0.01 }\n";
+    let cases: [(&str, &str, &str); 9] = [
+        ("planner.strategy = 'edf'\n", ROWS, "lost_bits"),
+        ("planner.strategy = 'edf'\n", &weighted, "weighted_loss_rate"),
+        ("planner.strategy = 'horizon'\nplanner.objective = 'collect'\n", &initial, "score"),
+        ("planner.strategy = 'horizon'\nplanner.objective = 'age'\n", ROWS, "objective"),
+        (energy, ROWS, "node_energy"),
+        (&format!("{energy}sensors.expiry_s = 9.0\n"), ROWS, "expired_bits"),
+        ("link.duty_cycle = 2e-5\nlink.setup_s = 0.02\nlink.sharing = 'equal'\n", ROWS, "refused_duty"),
+        ("uav.count = 2\nuav.separation_m = 5.0\nuav.starts_m = [[5, 5], [50, 50]]\n", ROWS, "fleet"),
+        ("uav.battery.capacity_j = 9000.0\nuav.must_land = true\nbase.charge_w = 500.0\n", ROWS, "energy"),
+    ];
+    for (keys, rows, figure) in cases {
+        for others in ["", "link.bandwidth_hz = 3e4\n"] {
+            let [written, again] = reported(keys, others, rows);
+            assert!(written.contains(&format!("\"{figure}\":")), "{keys}: {written}");
+            assert_eq!(again, written, "{keys}{others}");
+        }
+    }
 }
 
 #[test]
@@ -407,9 +465,13 @@ fn solver_fallbacks_are_counted_except_in_a_resumed_run() {
     let case = Case::new();
     let mut tally = Tally::new(&case.scenario, &case.list, &RunMode::default());
     let mut records: Vec<SlotRecord> = case.mission().collect();
-    for plan in records.iter_mut().flat_map(|record| record.plans.iter_mut().flatten()) {
-        plan.solver = SolverOutcome::Fallback as u32;
-        plan.plan_ns = 0; // an external planner may not measure it
+    for record in &mut records {
+        let mut plans = record.plans().clone();
+        for plan in plans.iter_mut().flatten() {
+            plan.solver = SolverOutcome::Fallback as u32;
+            plan.plan_ns = 0; // an external planner may not measure it
+        }
+        record.begin(&plans);
     }
     let fallbacks = |tally: &Tally| tally.summary(Duration::ZERO, 0).solver_fallbacks;
     records[..3].iter().for_each(|record| tally.add(record).unwrap());

@@ -62,7 +62,7 @@ const NODE_ENERGY: &str = "sensors.energy.capacity_j = 2.0\nsensors.energy.sleep
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// The models.
-const MODELS: [Model; 17] = [
+const MODELS: [Model; 19] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -100,6 +100,8 @@ const MODELS: [Model; 17] = [
         &[NODE_ENERGY, "planner.knowledge = 'estimated'\nplanner.rates = 'learnt'\n"],
         "",
     ),
+    ("node energy, expiry", &[NODE_ENERGY, "sensors.expiry_s = 25.0\n"], ""),
+    ("duty cycle, time of contacts", &["link.duty_cycle = 0.002\nlink.setup_s = 0.02\nlink.sharing = 'equal'\n"], ""),
     (
         "links by place",
         &[

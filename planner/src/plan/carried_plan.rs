@@ -327,7 +327,7 @@ impl<O: Objective> CarriedPlan<O> {
         let table = &self.model.table;
         let sensors = self.model.sensors.len().div_ceil(EASY_SENSORS).max(1) as u64;
         let zones = if table.airspace.is_open() { 1 } else { ZONES_EFFORT };
-        let battery = if table.home.is_some() { BATTERY_EFFORT } else { 1 };
+        let battery = if table.home.way().is_some() { BATTERY_EFFORT } else { 1 };
         let fleet = if view.intents().is_some() { FLEET_EFFORT } else { 1 };
         MOST_ADVANCED / (sensors * zones * battery * fleet)
     }

@@ -169,8 +169,8 @@ impl<O: Objective> Forecast<O> {
             let leg_cost = if self.is_as_before(model, &change, old, next, follows) {
                 let (_, slot, energy_j) = self.begin(old as usize);
                 let shift = self.decoder.slot - slot;
-                let has_battery = model.table.home.as_ref().is_some_and(|home| home.battery.is_some());
-                let more_j = if has_battery { self.decoder.energy_j - energy_j } else { 0.0 };
+                // Without end both are infinite.
+                let more_j = if self.decoder.energy_j == energy_j { 0.0 } else { self.decoder.energy_j - energy_j };
                 if step >= changed {
                     change.rest = old as usize;
                     change.shift = shift;
@@ -223,7 +223,7 @@ impl<O: Objective> Forecast<O> {
         if next_old != index + 1 || at != self.decoder.at {
             return false;
         }
-        if let Some(home) = &model.table.home
+        if let Some(home) = model.table.home.way()
             && ((home.must_land || !model.pad_waits.is_empty()) && slot != self.decoder.slot
                 || self.least_margin_j(index) < energy_j - self.decoder.energy_j)
         {

@@ -93,7 +93,7 @@ impl PlanModel {
         stop: &Stop,
     ) -> Self {
         let scenario = &*if O::HOVERS { Cow::Borrowed(scenario) } else { with_margin(scenario) };
-        let is_near = |id: &u32| mission.home.as_ref().is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
+        let is_near = |id: &u32| mission.home.may_serve(mission.sensors.position(*id));
         let samples = |id: &u32| O::HOVERS || O::COUNTS_AGES || mission.sensors.sampler(*id).mean_bits > 0.0;
         let ids: Vec<u32> = mission.servable().filter(samples).filter(is_near).collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);

@@ -183,11 +183,12 @@ impl<O: Objective> LookAhead<O> {
 
     /// The decision to fly home, or to stay there and charge.
     fn return_home(&mut self, view: &View) -> Decision {
-        let (home, ground) = (view.table.home.as_ref(), view.ground());
-        if home.is_some_and(|home| home.battery.is_some() && home.base.contains(&ground)) {
+        let home = &view.table.home;
+        let ground = view.ground();
+        if home.is_charger(&ground) {
             return Decision::stay(view);
         }
-        let waypoint = home.map_or(ground, |home| home.next_waypoint(view.slot, &ground));
+        let waypoint = home.next_waypoint(view.slot, &ground);
         self.serving.serve_most(view, &waypoint)
     }
 }

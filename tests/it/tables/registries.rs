@@ -6,7 +6,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use clap::{Arg, Command};
-use skysink_common::sensors::COLUMNS;
+use skysink_common::sensors::columns;
 use skysink_lab::export::FORMATS;
 use skysink_lab::import::{COORDINATES, OTHERS};
 use skysink_library::{Library, gap};
@@ -191,7 +191,7 @@ pub fn imported_columns() -> String {
 
 /// The columns of sensor lists.
 pub fn sensor_columns() -> String {
-    let rows: String = COLUMNS.iter().map(|(name, values)| format!("| `{name}` | {values} |\n")).collect();
+    let rows: String = columns().map(|(name, values)| format!("| `{name}` | {values} |\n")).collect();
     format!("| column | values |\n|---|---|\n{rows}")
 }
 

@@ -99,7 +99,7 @@ impl Slot {
             paths: &self.path,
             flights: std::slice::from_ref(&self.flight),
             heard: &[],
-            charges: None,
+            features: None,
             slots_per_s: None,
             plan_ms: None,
         }

@@ -1,4 +1,5 @@
-//! `[sensors]`: the sensor nodes (SNs), before their list is drawn or read.
+//! `[sensors]`: the sensor nodes (SNs), before their list is drawn or read, and what else the features of the SNs read
+//! of a scenario.
 
 use std::path::PathBuf;
 
@@ -6,9 +7,10 @@ use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
 use crate::arrivals::{ArrivalKeys, ArrivalModel};
-use crate::cohorts::Overflow;
+use crate::channel::LinkBudget;
 use crate::keys::{Accepts, Interval, NOT_NEGATIVE, PATH, POSITIVE, WholeInterval};
-use crate::node_energy::NodeEnergyKeys;
+
+pub use super::energy::{NodeEnergyKeys, WakeMode};
 
 /// Most sensor nodes of a field.
 pub(crate) const MAX_SENSORS: u64 = 10_000_000;
@@ -59,5 +61,39 @@ impl SensorKeys {
     /// Whether the arrivals are those of a file.
     pub fn has_trace(&self) -> bool {
         self.arrivals.as_ref().is_some_and(|arrivals| arrivals.model == ArrivalModel::Trace)
+    }
+}
+
+/// Which bits a full buffer drops.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Overflow {
+    /// Those that have just been sampled.
+    #[default]
+    Newest,
+    /// The oldest.
+    Oldest,
+}
+
+/// The keys of a mission that the features of its SNs read.
+#[derive(Debug, Clone, Copy)]
+pub struct NodeKeys<'a> {
+    /// `[sensors]`.
+    pub sensors: &'a SensorKeys,
+    /// `[link]`.
+    pub link: &'a LinkBudget,
+    /// Length of a slot, `τ` [s].
+    pub slot_s: f64,
+    /// Slots of the mission, `T`.
+    pub slots: u64,
+    /// UAVs.
+    pub uavs: usize,
+}
+
+impl NodeKeys<'_> {
+    /// The whole slots in `time_s` [s], up to rounding.
+    pub fn whole_slots(&self, time_s: f64) -> u64 {
+        (time_s / self.slot_s + 1e-9).floor() as u64 // saturates
     }
 }

@@ -1,28 +1,23 @@
 //! Cohorts: the stored bits of the sensor nodes (SNs) by the slot that has sampled them, where bits expire (decision
 //! D36).
 //!
-//! The lengths of the queues are left to [`crate::queues`], which asks for what a slot and an upload do to them.
+//! The lengths of the queues are left to [`crate::ledger`], which asks for what a slot and an upload do to them.
 
 use std::mem::take;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
-use strum::VariantNames;
 
-use crate::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use super::keys::{NodeKeys, Overflow};
+use super::model::NodeModel;
+use super::row::{Declared, NodeRefusal, NodeSetup, NodeTraits};
+use crate::checkpoint::{CheckpointError, decode_first, encode};
+use crate::error::InputError;
+use crate::keys::Rule;
 use crate::per_sensor::PerSensor;
 
-/// Which bits a full buffer drops.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum Overflow {
-    /// Those that have just been sampled.
-    #[default]
-    Newest,
-    /// The oldest.
-    Oldest,
-}
+/// Most cohorts: sensor nodes times the slots in which bits are stored, of 4 bytes.
+const MOST_COHORTS: f64 = 2.5e8;
 
 /// How long bits are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,6 +26,19 @@ pub struct Expiry {
     pub slots: u64,
     /// Which bits a full buffer drops.
     pub overflow: Overflow,
+}
+
+impl Expiry {
+    /// How long bits are stored, by `sensors.expiry_s`; `None` if none expires in the mission.
+    fn of(keys: &NodeKeys<'_>) -> Option<Self> {
+        let slots = keys.whole_slots(keys.sensors.expiry_s?);
+        (slots < keys.slots).then(|| Self { slots, overflow: keys.sensors.overflow.unwrap_or_default() })
+    }
+
+    /// Slots in which bits are stored, `D + 1`.
+    pub fn lasting_slots(&self) -> f64 {
+        self.slots as f64 + 1.0
+    }
 }
 
 /// The bits of all SNs by the slot that has sampled them; the initial queues count as sampled in slot 0.
@@ -80,64 +88,13 @@ impl Cohorts {
         self.expired_bits
     }
 
-    /// The slot that has sampled the last bit that SN `sensor` has uploaded; 0 for a bit of the initial queue, or none.
-    ///
-    /// # Panics
-    /// If the SN is unknown.
-    pub fn freshest_slot(&self, sensor: usize) -> u64 {
-        self.freshest[sensor].into()
-    }
-
-    /// Bytes that [`Checkpoint::save`] takes at most for each SN.
-    pub fn bytes_per_sensor(&self) -> usize {
-        size_of::<u32>() * (self.bits.len() / self.count.max(1) + 1)
-    }
-
     /// Index in `bits` of the first SN in the cohort of `slot`.
     fn row(&self, slot: u64) -> usize {
         (slot % (self.expiry.slots + 1)) as usize * self.count
     }
 
-    /// Each of the consecutive `sensors` loses its expired bits, samples `sampled_bits` in `slot`, and loses what
-    /// exceeds its buffer. Their queues are `queues_bits` [bit]. Returns the lost bits.
-    pub(crate) fn store(
-        &mut self,
-        slot: u64,
-        sensors: Range<usize>,
-        sampled_bits: &[u64],
-        queues_bits: &mut [u32],
-        capacities_bits: &PerSensor<u32>,
-    ) -> u64 {
-        self.slot = slot;
-        let row = self.row(slot);
-        let mut lost_bits = 0;
-        for ((sensor, queue_bits), &bits) in sensors.zip(queues_bits).zip(sampled_bits) {
-            let expired_bits = take(&mut self.bits[row + sensor]);
-            let capacity_bits = capacities_bits.of(sensor);
-            let held_bits = u64::from(*queue_bits - expired_bits) + bits;
-            let excess_bits = held_bits.saturating_sub(capacity_bits.into());
-            let stored_bits = match self.expiry.overflow {
-                Overflow::Newest => bits - excess_bits, // what was there before fits
-                Overflow::Oldest => bits.min(capacity_bits.into()),
-            };
-            self.bits[row + sensor] = stored_bits as u32; // at most the buffer
-            self.take_oldest(sensor, excess_bits - (bits - stored_bits));
-            *queue_bits = (held_bits - excess_bits) as u32;
-            self.expired_bits += u64::from(expired_bits);
-            lost_bits += u64::from(expired_bits) + excess_bits;
-        }
-        lost_bits
-    }
-
-    /// SN `sensor` uploads `bits` [bit], at most its queue, the oldest first.
-    pub(crate) fn upload(&mut self, sensor: usize, bits: u32) {
-        if let Some(slot) = self.take_oldest(sensor, bits.into()) {
-            self.freshest[sensor] = u32::try_from(slot).unwrap_or(u32::MAX);
-        }
-    }
-
     /// Removes the oldest `bits` [bit] of SN `sensor`, and returns the slot that has sampled the last of them.
-    pub(crate) fn take_oldest(&mut self, sensor: usize, mut bits: u64) -> Option<u64> {
+    fn take_oldest(&mut self, sensor: usize, mut bits: u64) -> Option<u64> {
         let mut last = None;
         let first = self.slot.saturating_sub(self.expiry.slots).max(self.oldest.0[sensor].into());
         for slot in first..=self.slot {
@@ -155,7 +112,7 @@ impl Cohorts {
     }
 
     /// Whether these cohorts after `slot` add up to the queues `queues_bits` [bit].
-    pub(crate) fn are_of(&self, slot: u64, queues_bits: &[u32]) -> bool {
+    fn are_of(&self, slot: u64, queues_bits: &[u32]) -> bool {
         let rows = self.bits.chunks(self.count.max(1));
         let sum = |sensor: usize| rows.clone().map(|row| u64::from(row[sensor])).sum::<u64>();
         self.slot == slot
@@ -176,20 +133,102 @@ struct State {
     freshest: Vec<u8>,
 }
 
-impl Checkpoint for Cohorts {
+impl NodeModel for Cohorts {
+    fn stores(&self) -> bool {
+        true
+    }
+
+    /// Each of the SNs loses its expired bits, samples, and loses what exceeds its buffer.
+    fn store(
+        &mut self,
+        slot: u64,
+        sensors: Range<usize>,
+        sampled_bits: &[u64],
+        queues_bits: &mut [u32],
+        capacities_bits: &PerSensor<u32>,
+    ) -> Option<u64> {
+        self.slot = slot;
+        let row = self.row(slot);
+        let mut lost_bits = 0;
+        for ((sensor, queue_bits), &bits) in sensors.zip(queues_bits).zip(sampled_bits) {
+            let expired_bits = take(&mut self.bits[row + sensor]);
+            let capacity_bits = capacities_bits.of(sensor);
+            let held_bits = u64::from(*queue_bits - expired_bits) + bits;
+            let excess_bits = held_bits.saturating_sub(capacity_bits.into());
+            let stored_bits = match self.expiry.overflow {
+                Overflow::Newest => bits - excess_bits, // what was there before fits
+                Overflow::Oldest => bits.min(capacity_bits.into()),
+            };
+            self.bits[row + sensor] = stored_bits as u32; // at most the buffer
+            self.take_oldest(sensor, excess_bits - (bits - stored_bits));
+            *queue_bits = (held_bits - excess_bits) as u32;
+            self.expired_bits += u64::from(expired_bits);
+            lost_bits += u64::from(expired_bits) + excess_bits;
+        }
+        Some(lost_bits)
+    }
+
+    /// The oldest go first.
+    fn upload(&mut self, sensor: usize, bits: u32) {
+        if let Some(slot) = self.take_oldest(sensor, bits.into()) {
+            self.freshest[sensor] = u32::try_from(slot).unwrap_or(u32::MAX);
+        }
+    }
+
+    fn discard(&mut self, sensor: usize, bits: u32) {
+        let _ = self.take_oldest(sensor, bits.into());
+    }
+
+    fn freshest_slot(&self, sensor: usize) -> Option<u64> {
+        Some(self.freshest[sensor].into())
+    }
+
+    fn most_bytes(&self) -> usize {
+        size_of::<u32>() * (self.bits.len() + self.count)
+    }
+
     fn save(&self, bytes: &mut Vec<u8>) {
         let [bits, freshest] = [&self.bits, &self.freshest].map(|numbers| bytemuck::cast_slice(numbers).to_vec());
         encode(&State { slot: self.slot, expired_bits: self.expired_bits, bits, freshest }, bytes);
     }
 
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let State { slot, expired_bits, bits, freshest } = decode(bytes)?;
+    fn restore(&mut self, slot: u64, queues_bits: &[u32], bytes: &mut &[u8]) -> Result<(), CheckpointError> {
+        let (state, left) = decode_first(bytes)?;
+        let State { slot: saved, expired_bits, bits, freshest } = state;
         let [bits, freshest] = [bits, freshest].map(|bytes| bytemuck::pod_collect_to_vec::<u8, u32>(&bytes));
         let is_of_field = bits.len() == self.bits.len() && freshest.len() == self.count;
         CheckpointError::ensure(is_of_field, "the cohorts of this field")?;
         let oldest = Hints(vec![0; self.count]);
-        *self = Self { slot, bits, freshest, oldest, expired_bits, ..*self };
+        *self = Self { slot: saved, bits, freshest, oldest, expired_bits, ..*self };
+        CheckpointError::ensure(self.are_of(slot, queues_bits), "the cohorts of these queues")?;
+        *bytes = left;
         Ok(())
+    }
+}
+
+impl Declared for Cohorts {
+    const KEY: &'static str = "sensors.expiry_s";
+
+    fn traits(keys: &NodeKeys<'_>) -> Option<NodeTraits> {
+        let lasting_slots = Expiry::of(keys)?.lasting_slots();
+        Some(NodeTraits { loses_initial: true, lasting_slots, ..NodeTraits::default() })
+    }
+
+    fn check(keys: &NodeKeys<'_>, rule: Rule<'_>) -> Result<(), InputError> {
+        let is_slot = keys.sensors.expiry_s.is_none_or(|expiry_s| expiry_s >= keys.slot_s);
+        rule(is_slot, "sensors.expiry_s", &format!("at least the slot's {} s", keys.slot_s))
+    }
+
+    fn refusal(keys: &NodeKeys<'_>, count: usize) -> Option<NodeRefusal> {
+        let most_slots = (MOST_COHORTS / count as f64).floor() - 1.0;
+        let _ = Expiry::of(keys).filter(|expiry| expiry.slots as f64 > most_slots)?;
+        let [most_s, mission_s] = [most_slots, keys.slots as f64].map(|slots| slots * keys.slot_s);
+        let expected = format!("at most {most_s} with {count} sensor nodes, or the mission's {mission_s} s");
+        Some(NodeRefusal { key: "sensors.expiry_s", value: keys.sensors.expiry_s?, expected })
+    }
+
+    fn make(setup: &NodeSetup<'_>) -> Option<Self> {
+        Some(Self::new(Expiry::of(&setup.keys)?, setup.queues_bits))
     }
 }
 
@@ -206,13 +245,18 @@ mod tests {
     /// SNs that sample 10 bit a slot into buffers of `capacity_bits`, and bits that expire above an age of 3 slots.
     fn ledger(overflow: Overflow, capacity_bits: u32, queues_bits: &[u32]) -> Ledger {
         let sampling = Sampling::new(vec![10.0; queues_bits.len()], vec![capacity_bits; queues_bits.len()]);
-        Ledger::new(sampling.with_expiry(Some(Expiry { slots: 3, overflow })), queues_bits.to_vec())
+        let cohorts = Cohorts::new(Expiry { slots: 3, overflow }, queues_bits);
+        Ledger::new(sampling, queues_bits.to_vec()).with_features([cohorts.into()].into_iter().collect())
+    }
+
+    fn cohorts(ledger: &Ledger) -> &Cohorts {
+        ledger.features().find::<Cohorts>().unwrap()
     }
 
     /// Lost and expired bits.
     fn lost(ledger: &Ledger) -> [u64; 2] {
         assert!(ledger.totals().is_balanced());
-        [ledger.totals().lost_bits, ledger.expired_bits()]
+        [ledger.totals().lost_bits, cohorts(ledger).expired_bits()]
     }
 
     #[test]
@@ -247,7 +291,7 @@ mod tests {
             (1..=8).for_each(|slot| _ = ledger.sample(slot));
             assert_eq!((ledger.queues_bits(), lost(&ledger)), (&[25][..], [55, expired_bits]));
             assert_eq!(ledger.upload(0, 12), 12);
-            assert_eq!(ledger.cohorts().unwrap().freshest_slot(0), freshest_slot, "{overflow:?}");
+            assert_eq!(ledger.features().freshest_slot(0), Some(freshest_slot), "{overflow:?}");
         }
     }
 
@@ -256,15 +300,16 @@ mod tests {
         let mut field = ledger(Overflow::Newest, 25, &[0, 3]);
         field.sample(1);
         let mut bytes = Vec::new();
-        field.cohorts().unwrap().save(&mut bytes);
-        let mut cohorts = ledger(Overflow::Newest, 25, &[0]).cohorts().unwrap().clone();
-        assert!(cohorts.restore(&bytes).is_err());
-        let saved = field.cohorts().cloned();
-        for (queues_bits, cohorts, is_possible) in
-            [([10, 13], None, false), ([10, 12], saved.clone(), false), ([10, 13], saved, true)]
-        {
-            let mut restored = ledger(Overflow::Newest, 25, &[0, 3]);
-            assert_eq!(restored.restore(1, &queues_bits, &[0, 0], None, cohorts), is_possible, "{queues_bits:?}");
+        field.features().save(&mut bytes);
+        for (queues_bits, bytes, is_possible) in [
+            (&[10, 13][..], &bytes[..], true),
+            (&[10], &bytes, false),
+            (&[10, 13], &[], false),
+            (&[10, 12], &bytes, false),
+        ] {
+            let mut restored = ledger(Overflow::Newest, 25, &[0, 3][..queues_bits.len()]);
+            let found = restored.restore(1, queues_bits, &vec![0; queues_bits.len()], None, bytes);
+            assert_eq!(found.is_ok(), is_possible, "{queues_bits:?}");
         }
     }
 
@@ -314,8 +359,10 @@ mod tests {
             let initial_bits = vec![initial_bits.min(capacity_bits); means.len()];
             let drawn = seed.map(|seed| Poisson::new(2.0, Streams::new(seed)).into());
             let sampling = Sampling::new(means.clone(), vec![capacity_bits; means.len()])
-                .with_arrivals(drawn).with_expiry(Some(expiry));
-            let new = || Ledger::new(sampling.clone(), initial_bits.clone());
+                .with_arrivals(drawn);
+            let cohorts = Cohorts::new(expiry, &initial_bits);
+            let new = || Ledger::new(sampling.clone(), initial_bits.clone())
+                .with_features([cohorts.clone().into()].into_iter().collect());
             let mut ledger = new();
             let mut queues: Vec<BitQueue> = initial_bits.iter()
                 .map(|&bits| BitQueue { slots: vec![0; bits as usize].into(), ..BitQueue::default() }).collect();
@@ -330,21 +377,19 @@ mod tests {
                     queue.freshest = queue.slots.drain(..taken as usize).next_back().unwrap_or(queue.freshest);
                 }
                 prop_assert!(ledger.totals().is_balanced());
-                let cohorts = ledger.cohorts().unwrap();
-                prop_assert_eq!(ledger.expired_bits(), queues.iter().map(|queue| queue.expired).sum::<u64>());
+                let cohorts = ledger.features().find::<Cohorts>().unwrap();
+                prop_assert_eq!(cohorts.expired_bits(), queues.iter().map(|queue| queue.expired).sum::<u64>());
                 for (sensor, (queue, lost_bits)) in queues.iter().zip(ledger.lost_bits(slot)).enumerate() {
                     prop_assert_eq!(ledger.queues_bits()[sensor] as usize, queue.slots.len());
                     prop_assert_eq!(lost_bits, queue.lost + queue.expired);
-                    prop_assert_eq!(cohorts.freshest_slot(sensor), queue.freshest);
+                    prop_assert_eq!(cohorts.freshest_slot(sensor), Some(queue.freshest));
                 }
                 let mut restored = new();
                 let mut saved = Vec::new();
-                cohorts.save(&mut saved);
-                let mut cohorts = restored.cohorts().unwrap().clone();
-                cohorts.restore(&saved).unwrap();
-                let drawn_bits = ledger.drawn_bits();
-                prop_assert!(restored.restore(
-                    slot, ledger.queues_bits(), ledger.delivered_bits(), drawn_bits, Some(cohorts)));
+                ledger.features().save(&mut saved);
+                prop_assert!(restored
+                    .restore(slot, ledger.queues_bits(), ledger.delivered_bits(), ledger.drawn_bits(), &saved)
+                    .is_ok());
                 prop_assert_eq!(&restored, &ledger);
             }
         }

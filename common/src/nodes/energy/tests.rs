@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::arrivals::Poisson;
-use crate::cohorts::{Expiry, Overflow};
 use crate::ledger::Ledger;
+use crate::nodes::expiry::{Cohorts, Expiry};
+use crate::nodes::keys::Overflow;
+use crate::nodes::{DEAD, NodeFeature, NodeFeatures};
 use crate::random::Streams;
 use crate::sampling::Sampling;
 use proptest::prelude::*;
@@ -30,7 +32,12 @@ fn ledger(keys: NodeEnergyKeys, capacity_j: f64, harvest_w: f64, queues_bits: &[
     let batteries = vec![NodeBattery { capacity_j, harvest_w }; count];
     let positions = (0..count).map(|id| Position::new(50.0 * id as f64, 0.0));
     let charges = Charges::new(keys, 2.0, &batteries, None, positions, 10.0);
-    Ledger::new(sampling, queues_bits.to_vec()).with_charges(Some(charges))
+    Ledger::new(sampling, queues_bits.to_vec()).with_features([charges.into()].into_iter().collect())
+}
+
+/// The charges of SNs with batteries.
+fn charges(ledger: &Ledger) -> &Charges {
+    ledger.features().find::<Charges>().unwrap()
 }
 
 #[test]
@@ -48,11 +55,11 @@ fn an_unserved_sensor_node_dies_when_sleep_has_taken_its_battery() {
             };
             assert_eq!(lost_bits, expected_bits, "slot {slot}");
         }
-        let found = ledger.charges().unwrap().summed_up(0);
+        let found = charges(&ledger).summed_up(0);
         assert_eq!((found.first_death_s, found.half_dead_s), (Some(2.0 * death as f64), Some(2.0 * death as f64)));
         assert_eq!((found.dead, found.energy_per_bit_j, found.residual_mean), (2, None, 0.0));
         assert_eq!((ledger.queues_bits(), &ledger.told_bits()[..]), (&[0, 0][..], &[DEAD, DEAD][..]));
-        assert!(ledger.totals().is_balanced() && ledger.charges().unwrap().is_balanced());
+        assert!(ledger.totals().is_balanced() && charges(&ledger).is_balanced());
     }
 }
 
@@ -77,7 +84,7 @@ fn each_wake_mode_takes_what_its_slots_take() {
             ledger.end_slot(slot, &[uav]);
         }
         let left_nj = used_j.map(|used_j| (100 - used_j) * 1_000_000_000);
-        assert_eq!(ledger.charges().unwrap().charges_nj(), left_nj, "{wake:?}");
+        assert_eq!(charges(&ledger).charges_nj(), left_nj, "{wake:?}");
     }
 }
 
@@ -87,11 +94,11 @@ fn a_full_battery_spills_what_it_harvests_and_a_death_comes_before_the_harvest()
     let mut full = ledger(keys.clone(), 10.0, 1.5, &[0]);
     full.sample(1);
     full.end_slot(1, &[]);
-    let NodeEnergyTotals { harvested_nj, spilled_nj, used_nj, .. } = full.charges().unwrap().totals();
+    let NodeEnergyTotals { harvested_nj, spilled_nj, used_nj, .. } = charges(&full).totals();
     assert_eq!([harvested_nj, spilled_nj, used_nj], [3_000_000_000, 1_000_000_000, 2_000_000_000]);
     let mut poor = ledger(keys, 2.0, 1.5, &[7]);
     assert_eq!((poor.sample(1), poor.end_slot(1, &[])), (0, 107));
-    assert_eq!((poor.serve(2, 0, 99, 1.0), poor.charges().unwrap().charges_nj()), (0, &[0][..]), "for good");
+    assert_eq!((poor.serve(2, 0, 99, 1.0), charges(&poor).charges_nj()), (0, &[0][..]), "for good");
 }
 
 /// The SNs one by one: charge [nJ], and whether it is alive.
@@ -138,14 +145,17 @@ proptest! {
             of(sensor).rfind(|row| row.0 <= slot).map_or(harvest_w, |row| row.2)
         };
         let drawn = seed.map(|seed| Poisson::new(2.0, Streams::new(seed)).into());
-        let sampling = Sampling::new(means.clone(), vec![200; means.len()]).with_arrivals(drawn)
-            .with_expiry(expiry_slots.map(|slots| Expiry { slots, overflow }));
+        let sampling = Sampling::new(means.clone(), vec![200; means.len()]).with_arrivals(drawn);
         let batteries = vec![NodeBattery { capacity_j, harvest_w }; means.len()];
         let position = |id: usize| Position::new(30.0 * id as f64, 0.0);
-        let charges = Charges::new(keys, 1.0, &batteries, harvest.clone(), (0..means.len()).map(position), 40.0);
-        let new = || Ledger::new(sampling.clone(), vec![50; means.len()]).with_charges(Some(charges.clone()));
+        let full = Charges::new(keys, 1.0, &batteries, harvest.clone(), (0..means.len()).map(position), 40.0);
+        let initial_bits = vec![50; means.len()];
+        let cohorts = expiry_slots.map(|slots| Cohorts::new(Expiry { slots, overflow }, &initial_bits));
+        let features: NodeFeatures =
+            [full.clone().into()].into_iter().chain(cohorts.map(NodeFeature::from)).collect();
+        let new = || Ledger::new(sampling.clone(), initial_bits.clone()).with_features(features.clone());
         let mut ledger = new();
-        let mut singly: Vec<Single> = charges.charges_nj().iter().map(|&charge_nj| Single { charge_nj, alive: true }).collect();
+        let mut singly: Vec<Single> = full.charges_nj().iter().map(|&charge_nj| Single { charge_nj, alive: true }).collect();
         for (slot, &(served, capacity_bits, rate_bps)) in (1u64..).zip(&services) {
             let before_bits = ledger.totals().lost_bits;
             let mut lost_bits = ledger.sample(slot);
@@ -169,19 +179,19 @@ proptest! {
                 let more_nj = if single.alive { nanojoules(harvested_w(slot, id)) } else { 0 };
                 single.charge_nj = (single.charge_nj + more_nj).min(nanojoules(capacity_j).max(1));
             }
-            let charges = ledger.charges().unwrap();
+            let charges = charges(&ledger);
             prop_assert!(charges.is_balanced() && ledger.totals().is_balanced());
             prop_assert!(charges.charges_nj().iter().eq(singly.iter().map(|single| &single.charge_nj)));
             let dead = |id: usize| !singly[id].alive;
             prop_assert!((0..means.len()).all(|id| !dead(id) || ledger.queues_bits()[id] == 0));
             prop_assert!(charges.lost_bits <= ledger.totals().lost_bits);
             let mut bytes = Vec::new();
-            charges.save(&mut bytes);
-            let (restored, left) = new().charges().unwrap().restored(slot, &bytes).unwrap();
-            prop_assert!(left.is_empty() && &restored == charges);
-            let mut again = new().with_charges(Some(restored));
-            prop_assert!(again.restore(
-                slot, ledger.queues_bits(), ledger.delivered_bits(), ledger.drawn_bits(), ledger.cohorts().cloned()));
+            ledger.features().save(&mut bytes);
+            let mut again = new();
+            prop_assert!(again
+                .restore(slot, ledger.queues_bits(), ledger.delivered_bits(), ledger.drawn_bits(), &bytes)
+                .is_ok());
+            prop_assert_eq!(again.features(), ledger.features());
             let mut next = ledger.clone();
             prop_assert_eq!(again.sample(slot + 1), next.sample(slot + 1));
             prop_assert_eq!(&again, &next);

@@ -3,96 +3,30 @@
 //! `initial + harvested = used + spilled + left` holds as an equality of integers. What a dead SN loses is left to
 //! [`crate::ledger`].
 
-mod harvest;
+pub(super) mod harvest;
+mod keys;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use strum::VariantNames;
 
 pub use harvest::HarvestTrace;
+pub use keys::{NodeEnergyKeys, WakeMode};
 
+use super::keys::NodeKeys;
+use super::model::{Answer, NodeModel, Service, SlotEnd};
+use super::row::{Declared, NodeColumn, NodeFile, NodeSetup, NodeTraits};
 use crate::checkpoint::{CheckpointError, decode_first, encode};
+use crate::error::InputError;
 use crate::geometry::{Position, within};
-use crate::keys::{Accepts, NOT_NEGATIVE, PATH};
+use crate::keys::{NOT_NEGATIVE, Rule};
 use crate::per_sensor::PerSensor;
+use crate::queues::blocks;
+use crate::simd::BLOCK;
+use keys::CAPACITY_J;
 
-/// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
-pub const DEAD: u32 = u32::MAX;
-
-/// Added to the queue of an SN without airtime for the next slot on the topics `queues` and `belief`; queues of
-/// missions with a duty cycle or batteries are shorter.
-pub const SILENT: u32 = 1 << 31;
-
-/// Whether an SN that is told as `told_bits` cannot be served: it is dead, or has no airtime.
-#[inline]
-#[must_use]
-pub fn is_out(told_bits: u32) -> bool {
-    told_bits >= SILENT
-}
-
-/// The queue of an SN that is told as `told_bits` [bit]; 0 of a dead one.
-#[inline]
-#[must_use]
-pub fn held_bits(told_bits: u32) -> u32 {
-    if told_bits == DEAD { 0 } else { told_bits & !SILENT }
-}
-
-/// When an SN listens for a UAV.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum WakeMode {
-    /// In each slot.
-    Always,
-    /// In slots that end with a UAV in range.
-    Scheduled,
-    /// Never: a radio of its own wakes it when it is served.
-    Radio,
-}
-
-/// Capacities whose nanojoules are whole numbers of 64 bits.
-pub(crate) const CAPACITY_J: Accepts =
-    Accepts::Number("joules above 0, at most 1e9", |capacity_j| capacity_j > 0.0 && capacity_j <= 1e9);
-
-crate::keys! {
-    /// `[sensors.energy]`: the batteries of the SNs (decision D33).
-    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, expecting = "a table")]
-    pub struct NodeEnergyKeys {
-        /// Energy of a full battery [J]; required without a column of the sensor list, which has priority.
-        capacity_j: Option<f64>, CAPACITY_J;
-        /// Energy before slot 1, as a fraction of the capacity.
-        initial: f64 = 1.0, Accepts::Number("a fraction above 0, at most 1", |fraction| fraction > 0.0 && fraction <= 1.0);
-        /// Harvested power [W]. A column of the sensor list has priority.
-        harvest_w: f64 = 0.0, NOT_NEGATIVE;
-        /// CSV file of the harvested power, `slot,sensor,harvest_w`: the power of an SN from a slot on until its next
-        /// row [W]; before the first that of the list or `harvest_w`. An empty sensor is all SNs without rows of their
-        /// own.
-        harvest_file: Option<PathBuf>, PATH;
-        /// Power that an SN always takes [W].
-        sleep_w: f64 = 0.0, NOT_NEGATIVE;
-        /// Energy of a sampled bit [J].
-        sample_j_per_bit: f64 = 0.0, NOT_NEGATIVE;
-        /// When an SN takes `listen_w`; if not given, waiting takes nothing.
-        wake: Option<WakeMode>, Accepts::OneOf(WakeMode::VARIANTS);
-        /// Power of listening [W]; required with `wake = "always"` or `"scheduled"`, and only there.
-        listen_w: Option<f64>, NOT_NEGATIVE;
-        /// Energy of each slot of service [J]; required with `wake = "radio"`.
-        wake_j: Option<f64>, NOT_NEGATIVE;
-        /// Power of sending [W].
-        tx_w: f64 = 0.0, NOT_NEGATIVE;
-    }
-}
-
-impl NodeEnergyKeys {
-    /// The battery of an SN that may have its own capacity [J] and harvested power [W]; `None` without a capacity.
-    pub(crate) fn battery(&self, capacity_j: Option<f64>, harvest_w: Option<f64>) -> Option<NodeBattery> {
-        let capacity_j = capacity_j.or(self.capacity_j)?;
-        Some(NodeBattery { capacity_j, harvest_w: harvest_w.unwrap_or(self.harvest_w) })
-    }
-}
+/// The file of the harvested power in a run folder.
+pub const HARVEST: &str = "harvest.csv";
 
 /// The battery of an SN.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -144,7 +78,7 @@ pub struct Charges {
     first_death: Option<u64>,
     half_dead: Option<u64>,
     /// Bits that dead SNs have lost.
-    pub(crate) lost_bits: u64,
+    lost_bits: u64,
 }
 
 impl Charges {
@@ -232,15 +166,9 @@ impl Charges {
         self.totals.used_nj += u128::from(taken_nj);
     }
 
-    /// SN `sensor` is served: it wakes, and sends `bits` [bit] at `rate_bps` [bit/s].
-    pub(crate) fn send(&mut self, sensor: usize, bits: u64, rate_bps: f64) {
-        let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
-        self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
-    }
-
     /// Ends `slot` for the live SN `sensor`, which has sampled `bits` [bit], with `uavs` that wake those in range:
     /// first it uses energy, then it harvests. Returns whether it dies.
-    pub(crate) fn end_slot(&mut self, slot: u64, sensor: usize, bits: u64, uavs: &[Position]) -> bool {
+    fn end_slot_of(&mut self, slot: u64, sensor: usize, bits: u64, uavs: &[Position]) -> bool {
         let is_near = |uav: &Position| within(&self.positions[sensor], uav, self.radius_m);
         let listen_nj = if self.listen_nj > 0 && uavs.iter().any(is_near) { self.listen_nj } else { 0 };
         let sample_nj = nanojoules(self.keys.sample_j_per_bit * bits as f64);
@@ -261,22 +189,59 @@ impl Charges {
         self.totals.spilled_nj += u128::from(harvest_nj - stored_nj);
         false
     }
+}
 
-    /// Appends the state for a checkpoint.
-    pub fn save(&self, bytes: &mut Vec<u8>) {
+impl NodeModel for Charges {
+    fn answer(&self, sensor: usize) -> Answer {
+        if self.charge_nj[sensor] == 0 { Answer::Dead } else { Answer::Queue }
+    }
+
+    fn may_refuse(&self) -> bool {
+        true
+    }
+
+    /// The SN wakes, and sends.
+    fn serve(&mut self, service: &Service) {
+        let Service { sensor, bits, rate_bps, .. } = *service;
+        let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
+        self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
+    }
+
+    fn discard(&mut self, _sensor: usize, bits: u32) {
+        self.lost_bits += u64::from(bits);
+    }
+
+    /// Batteries are used and charged, and an SN whose battery is empty dies (decision D33). What a dead one samples is
+    /// lost.
+    fn end_slot(&mut self, end: &SlotEnd<'_>, died: &mut Vec<u32>) {
+        for sensors in blocks(self.charge_nj.len()) {
+            let mut bits = [0; BLOCK];
+            end.sampling.fill(end.slot, sensors.clone(), &mut bits[..sensors.len()]);
+            for (sensor, bits) in sensors.zip(bits) {
+                if end.was_dead(sensor) {
+                    self.lost_bits += bits;
+                } else if self.end_slot_of(end.slot, sensor, bits, end.uavs) {
+                    died.push(sensor as u32); // a scenario has at most 10^7 SNs
+                }
+            }
+        }
+    }
+
+    fn level(&self, sensor: usize) -> Option<f64> {
+        Some(self.charge_nj[sensor] as f64 / self.capacity_nj.of(sensor) as f64)
+    }
+
+    fn most_bytes(&self) -> usize {
+        size_of::<u64>() * self.charge_nj.len()
+    }
+
+    fn save(&self, bytes: &mut Vec<u8>) {
         let Self { totals, first_death, half_dead, lost_bits, .. } = *self;
         let charge_nj = bytemuck::cast_slice(&self.charge_nj).to_vec();
         encode(&SavedCharges { charge_nj, totals, first_death, half_dead, lost_bits }, bytes);
     }
 
-    /// Bytes that [`Self::save`] takes for each SN.
-    pub const BYTES_PER_SENSOR: usize = size_of::<u64>();
-
-    /// These charges as they were saved at the beginning of `bytes`, after `slot`, and the bytes after them.
-    ///
-    /// # Errors
-    /// If the state is impossible.
-    pub fn restored<'a>(&self, slot: u64, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), CheckpointError> {
+    fn restore(&mut self, slot: u64, _queues_bits: &[u32], bytes: &mut &[u8]) -> Result<(), CheckpointError> {
         let (saved, left) = decode_first(bytes)?;
         let SavedCharges { charge_nj, totals, first_death, half_dead, lost_bits } = saved;
         let charge_nj: Vec<u64> = bytemuck::pod_collect_to_vec(&charge_nj);
@@ -291,7 +256,65 @@ impl Charges {
             && half_dead.is_some() == (2 * dead >= self.charge_nj.len())
             && [first_death, half_dead].iter().flatten().all(|death| (1..=slot).contains(death));
         CheckpointError::ensure(is_possible, "possible charges of this field")?;
-        Ok((restored, left))
+        *self = restored;
+        *bytes = left;
+        Ok(())
+    }
+}
+
+impl Declared for Charges {
+    const KEY: &'static str = "[sensors.energy]";
+
+    const COLUMNS: &'static [NodeColumn] = &[
+        NodeColumn {
+            name: "capacity_j",
+            key: "sensors.energy.capacity_j",
+            accepts: CAPACITY_J,
+            words: "battery of the SN, only with `[sensors.energy]`",
+            of_keys: |sensors| sensors.energy.as_ref()?.capacity_j,
+        },
+        NodeColumn {
+            name: "harvest_w",
+            key: "sensors.energy.harvest_w",
+            accepts: NOT_NEGATIVE,
+            words: "harvested power of the SN, only with `[sensors.energy]`",
+            of_keys: |sensors| Some(sensors.energy.as_ref()?.harvest_w),
+        },
+    ];
+
+    const FILE: Option<NodeFile> =
+        Some(NodeFile { name: HARVEST, of_keys: |sensors| sensors.energy.as_mut()?.harvest_file.as_mut() });
+
+    const UNPLANNED: Option<&'static str> =
+        Some("batteries of sensor nodes: deaths, when they are known, but no charges");
+
+    fn traits(keys: &NodeKeys<'_>) -> Option<NodeTraits> {
+        let _ = keys.sensors.energy.as_ref()?;
+        Some(NodeTraits { may_refuse: true, loses_initial: true, ..NodeTraits::default() })
+    }
+
+    fn check(keys: &NodeKeys<'_>, rule: Rule<'_>) -> Result<(), InputError> {
+        let Some(energy) = &keys.sensors.energy else { return Ok(()) };
+        let is_listening = matches!(energy.wake, Some(WakeMode::Always | WakeMode::Scheduled));
+        let expected = "none without wake = \"always\" or \"scheduled\"";
+        rule(is_listening || energy.listen_w.is_none(), "sensors.energy.listen_w", expected)?;
+        let expected = "listen_w, the power of listening, beside it";
+        rule(!is_listening || energy.listen_w.is_some(), "sensors.energy.wake", expected)?;
+        let has_radio = energy.wake == Some(WakeMode::Radio);
+        let expected = "wake_j, the energy of a service, beside it";
+        rule(!has_radio || energy.wake_j.is_some(), "sensors.energy.wake", expected)?;
+        let has_capacity = energy.capacity_j.is_some() || keys.sensors.file.is_some();
+        rule(has_capacity, "sensors.energy", "capacity_j in it, or a column of that name in sensors.file")
+    }
+
+    fn make(setup: &NodeSetup<'_>) -> Option<Self> {
+        let keys = setup.keys.sensors.energy.clone()?;
+        let [capacities_j, harvests_w] = ["capacity_j", "harvest_w"].map(setup.column);
+        let battery = |(&capacity_j, &harvest_w): (&f64, &f64)| NodeBattery { capacity_j, harvest_w };
+        let batteries: Vec<NodeBattery> = capacities_j.iter().zip(harvests_w).map(battery).collect();
+        let positions = (0..batteries.len()).map(setup.position);
+        let radius_m = setup.keys.link.comm_radius_m;
+        Some(Self::new(keys, setup.keys.slot_s, &batteries, setup.file.cloned(), positions, radius_m))
     }
 }
 
