@@ -152,6 +152,9 @@ pub enum Report<T> {
     Rows(fn(&T) -> Vec<ReportRow>),
 }
 
+/// The value of a column, from the sums and counts of a mission.
+pub type OfColumn<T> = for<'a> fn(&<T as FigureTable>::Sums<'a>, &<T as FigureTable>::Counts) -> f64;
+
 /// What there is to know of a figure.
 #[derive(Debug)]
 pub struct Figure<T: FigureTable> {
@@ -176,7 +179,7 @@ pub struct Figure<T: FigureTable> {
     /// Its value in a summary; `None` if it is no key.
     pub of_key: Option<fn(&T) -> f64>,
     /// Its value in the results of sweeps, NaN if a mission has none; `None` if it is no column.
-    pub of_column: Option<for<'a> fn(&T::Sums<'a>, &T::Counts) -> f64>,
+    pub of_column: Option<OfColumn<T>>,
 }
 
 impl<T: FigureTable> Figure<T> {
