@@ -141,7 +141,7 @@ pub struct ReportRow {
 
 /// How a printed report shows a figure.
 #[derive(Debug)]
-pub enum Report<T> {
+pub enum Printed<T> {
     /// Not at all.
     Hidden,
     /// As a number; not where it has none.
@@ -175,7 +175,7 @@ pub struct Figure<T: FigureTable> {
     /// What must be known to compute it again.
     pub source: FigureSource,
     /// How the printed report shows it.
-    pub report: Report<T>,
+    pub report: Printed<T>,
     /// Its value in a summary; `None` if it is no key.
     pub of_key: Option<fn(&T) -> f64>,
     /// Its value in the results of sweeps, NaN if a mission has none; `None` if it is no column.
@@ -193,7 +193,7 @@ impl<T: FigureTable> Figure<T> {
         kind: FigureKind::Real,
         support: Support::NonNegative,
         source: FigureSource::Trace,
-        report: Report::Hidden,
+        report: Printed::Hidden,
         of_key: None,
         of_column: None,
     };
@@ -207,12 +207,12 @@ impl<T: FigureTable> Figure<T> {
     /// What the printed report says of it.
     pub fn rows(&self, summary: &T) -> Vec<ReportRow> {
         let value = match self.report {
-            Report::Hidden => None,
-            Report::Number(text) => {
+            Printed::Hidden => None,
+            Printed::Number(text) => {
                 self.of_key.map(|of_key| of_key(summary)).filter(|number| !number.is_nan()).map(text)
             }
-            Report::Text(text) => text(summary),
-            Report::Rows(rows) => return rows(summary),
+            Printed::Text(text) => text(summary),
+            Printed::Rows(rows) => return rows(summary),
         };
         let heading = if self.heading.is_empty() { self.label } else { self.heading };
         value.map(|value| ReportRow { heading, value }).into_iter().collect()
@@ -226,7 +226,7 @@ impl<T: FigureTable> Figure<T> {
 /// what else is said of the [`Figure`], and how it is computed: from the sums, or by `each` slot.
 ///
 /// ```
-/// use skysink_common::figure::{Figure, FigureSource, Report};
+/// use skysink_common::figure::{Figure, FigureSource, Printed};
 /// use skysink_common::figures;
 ///
 /// /// What the figures are computed from.
@@ -248,7 +248,7 @@ impl<T: FigureTable> Figure<T> {
 ///     pub enum Column;
 ///
 ///     /// Services.
-///     served: u64 = REAL { label: "services", report: Report::Number(|served| served.to_string()) }, each |served, slot| *served += slot.0;
+///     served: u64 = REAL { label: "services", report: Printed::Number(|served| served.to_string()) }, each |served, slot| *served += slot.0;
 ///     /// Largest number of services in a slot.
 ///     most (Most) = REAL { label: "most services", source: FigureSource::Links }, |sums| *sums.0.iter().max().unwrap();
 ///     /// The mean.

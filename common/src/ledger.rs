@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::arrivals::{quick_bits, sampled_bits};
 use crate::checkpoint::CheckpointError;
 use crate::geometry::Position;
-use crate::nodes::{Answer, NodeFeatures, Service, SlotEnd};
+use crate::nodes::{Answer, NodeFeatures, NodeService, SlotEnd};
 use crate::per_sensor::PerSensor;
 use crate::queues::{Queues, Sampled, blocks};
 use crate::sampling::Sampling;
@@ -353,7 +353,7 @@ impl Ledger {
         }
         let most_bits = self.features.most_bits(sensor, rate_bps);
         let bits = self.upload(sensor, capacity_bits.min(most_bits));
-        self.features.serve(&Service { slot, sensor, bits, rate_bps });
+        self.features.serve(&NodeService { slot, sensor, bits, rate_bps });
         bits
     }
 

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::build::{VERSION, build};
-use skysink_common::figure::{Figure, FigureKind, FigureSource, Report, Support};
+use skysink_common::figure::{Figure, FigureKind, FigureSource, Printed, Support};
 use skysink_common::figures;
 use skysink_common::message::{Mode, SolverOutcome};
 use skysink_common::nodes::energy::NodeEnergyUse;
@@ -32,8 +32,8 @@ const OTHER: Row = Row { kind: FigureKind::Other, ..REAL };
 /// What a run has measured of itself.
 const OF_RUN: Row = Row { source: FigureSource::Run, ..OTHER };
 
-const COUNTED: Report<Summary> = Report::Number(|count| grouped(count as u64));
-const RATE: Report<Summary> = Report::Number(|rate| format!("{rate:.6}"));
+const COUNTED: Printed<Summary> = Printed::Number(|count| grouped(count as u64));
+const RATE: Printed<Summary> = Printed::Number(|rate| format!("{rate:.6}"));
 
 // A figure that a mission does not have is `None`, which is an empty cell of the results.
 figures! {
@@ -92,12 +92,12 @@ figures! {
     /// `delivered_bits` / T.
     bits_per_waypoint (BitsPerWaypoint): f64 = BITS {
         label: "bits delivered per waypoint", heading: "bits per waypoint",
-        report: Report::Number(|bits| format!("{bits:.1}"))
+        report: Printed::Number(|bits| format!("{bits:.1}"))
     }, |m| m.run.bits_per_waypoint();
     /// SNs served per slot.
     mean_served (MeanServed): f64 = REAL {
         label: "SNs served per slot", source: FigureSource::Answers,
-        report: Report::Number(|served| format!("{served:.3}"))
+        report: Printed::Number(|served| format!("{served:.3}"))
     }, |m| m.run.mean_served();
     /// Length of the flight, from waypoint to waypoint, including climb.
     flown_m (FlownM) = METRES { label: "flown distance" }, |m| m.of_field(|field| field.flown_m);
@@ -106,28 +106,28 @@ figures! {
     energy_j (EnergyJ) = JOULES { label: "propulsion energy" }, |m| m.of_field(|field| field.energy_j);
     /// What the batteries of the UAVs gave and took; no value without `uav.battery`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    energy: Option<EnergyUse> = OTHER { report: Report::Rows(|summary| EnergyUse::report(summary.energy.as_ref())) },
+    energy: Option<EnergyUse> = OTHER { report: Printed::Rows(|summary| EnergyUse::report(summary.energy.as_ref())) },
         |m| m.run.energy();
     /// Energy in the battery at the end. No value without `uav.battery`, as for the next three.
     energy_left_j (EnergyLeftJ) = JOULES {
         label: "energy left in the battery", heading: "energy left",
-        report: Report::Text(|summary| Some(format!("{:.0} J", summary.energy?.left_j)))
+        report: Printed::Text(|summary| Some(format!("{:.0} J", summary.energy?.left_j)))
     }, |m| m.of_batteries(|energy| energy.left_j);
     /// Energy charged in the base.
     charged_j (ChargedJ) = JOULES { label: "energy charged" }, |m| m.of_batteries(|energy| energy.charged_j);
     /// Time in the base in mode `charge`.
     charged_s (ChargedS) = SECONDS {
-        label: "time charging", report: Report::Text(|summary| Some(format!("{:.0} s", summary.energy?.charged_s)))
+        label: "time charging", report: Printed::Text(|summary| Some(format!("{:.0} s", summary.energy?.charged_s)))
     }, |m| m.of_batteries(|energy| energy.charged_s);
     /// Time of waiting for a pad; no value without `[[base.site]]` (decision D34).
     pad_wait_s (PadWaitS) = SECONDS {
         label: "time waiting for a pad",
-        report: Report::Text(|summary| Some(format!("{:.0} s", summary.energy?.pad_wait_s?)))
+        report: Printed::Text(|summary| Some(format!("{:.0} s", summary.energy?.pad_wait_s?)))
     }, |m| m.of_batteries(|energy| energy.pad_wait_s).flatten();
     /// What the batteries of the SNs gave, and which are dead (decision D33); no value without `[sensors.energy]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     node_energy: Option<NodeEnergyUse> = OTHER {
-        heading: "energy of SNs used / harvested", source: FigureSource::Links, report: Report::Text(|summary| {
+        heading: "energy of SNs used / harvested", source: FigureSource::Links, report: Printed::Text(|summary| {
             let NodeEnergyUse { used_j, harvested_j, .. } = summary.node_energy?;
             Some(format!("{} J / {} J", figure(used_j), figure(harvested_j)))
         })
@@ -140,7 +140,7 @@ figures! {
     half_dead_s (HalfDeadS) = SECONDS { label: "time at which half of the SNs are dead", source: FigureSource::Links },
         |m| m.of_nodes(|energy| energy.half_dead_s);
     /// SNs dead at the end.
-    dead (Dead) = REAL { label: "dead SNs", source: FigureSource::Links, report: Report::Text(|summary| {
+    dead (Dead) = REAL { label: "dead SNs", source: FigureSource::Links, report: Printed::Text(|summary| {
         let NodeEnergyUse { dead, first_death_s, .. } = summary.node_energy?;
         let first = first_death_s.map_or_else(String::new, |death_s| format!(", the first after {death_s} s"));
         Some(format!("{dead}{first}"))
@@ -173,7 +173,7 @@ figures! {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     completed_s (CompletedS): Option<f64> = SECONDS {
         label: "time at which all initial data is delivered", heading: "all data delivered after",
-        report: Report::Text(|summary| {
+        report: Printed::Text(|summary| {
             summary.score.map(|_| summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s")))
         })
     }, |m| m.run.completed_s;
@@ -182,14 +182,14 @@ figures! {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     score (Score): Option<f64> = REAL {
         label: "seconds left when all is delivered, and 100 times the fraction delivered", heading: "score",
-        report: Report::Number(figure)
+        report: Printed::Number(figure)
     }, |m| m.run.score();
     /// Whether all UAVs are in the base after the last slot and none is down (decision D9), in tables 1 or 0; no value
     /// without a base.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     landed (Landed): Option<bool> = FRACTION {
         label: "fraction of missions that end in the base", heading: "in the base at the end",
-        report: Report::Text(|summary| summary.landed.map(|landed| if landed { "yes" } else { "no" }.to_owned()))
+        report: Printed::Text(|summary| summary.landed.map(|landed| if landed { "yes" } else { "no" }.to_owned()))
     }, |m| m.run.landed;
     /// `landed` · `collection_ratio`.
     landed_ratio (LandedRatio) = FRACTION { label: "collection ratio of those that end in the base, else 0" },
@@ -221,7 +221,7 @@ figures! {
     /// is no key of `summary.json` where the objective is the loss or `"collect"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     objective (Objective): Option<f64> = REAL {
-        label: "cost by planner.objective", source: FigureSource::Links, report: Report::Number(figure)
+        label: "cost by planner.objective", source: FigureSource::Links, report: Printed::Number(figure)
     }, |m| m.run.objective().or_else(|| m.of_field(|field| field.cost_of_bits));
     /// Time in which contacts were set up: `link.setup_s` for each service of an SN that the UAV has not served in the
     /// slot before; no value where they take no time.
@@ -264,7 +264,7 @@ figures! {
     transit_slots: u64 = COUNT { label: "slots in transit" }, each |transit, slot| *transit += slot.flown(Mode::Transit);
     /// What several UAVs did together; no value with one. All other figures are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    fleet: Option<FleetUse> = OTHER { report: Report::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },
+    fleet: Option<FleetUse> = OTHER { report: Printed::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },
         |m| m.run.fleet;
 
     /// What became of the changes that the searches of `horizon` and `offline` proposed, by operator; empty without a
@@ -297,5 +297,5 @@ figures! {
     /// 99th percentile of these times; in `timings.csv`.
     plan_p99_us (PlanP99Us) = WALL_CLOCK { label: "99th percentile of the planning time" }, |m| m.timing.plan_p99_us;
     /// Wall-clock figures; not reproducible.
-    timing: RunTiming = OF_RUN { report: Report::Rows(|summary| summary.timing.report()) }, |m| m.timing.clone();
+    timing: RunTiming = OF_RUN { report: Printed::Rows(|summary| summary.timing.report()) }, |m| m.timing.clone();
 }

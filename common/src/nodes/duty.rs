@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use super::keys::NodeKeys;
-use super::model::{Answer, NodeModel, Service, SlotEnd};
+use super::model::{Answer, NodeModel, NodeService, SlotEnd};
 use super::row::{Declared, NodeSetup, NodeTraits};
 use crate::channel::MAX_RESOURCE_BLOCKS;
 use crate::checkpoint::{CheckpointError, decode_first, encode};
@@ -88,8 +88,8 @@ impl NodeModel for Airtime {
 
     /// If the bits are all that the SN may send, it has used up its airtime; over a link without a rate it sends
     /// nothing.
-    fn serve(&mut self, service: &Service) {
-        let Service { slot, sensor, bits, rate_bps } = *service;
+    fn serve(&mut self, service: &NodeService) {
+        let NodeService { slot, sensor, bits, rate_bps } = *service;
         let left_ns = self.granted_ns.saturating_sub(self.used_ns[sensor]);
         let is_all = rate_bps > 0.0 && bits == self.most_bits(sensor, rate_bps);
         let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
@@ -201,12 +201,12 @@ mod tests {
     #[test]
     fn a_link_without_a_rate_takes_no_airtime_and_a_rest_of_less_than_a_bit_all() {
         let mut airtime = airtime("link.duty_cycle = 1.0\nlink.duty_window_s = 4.0\n");
-        airtime.serve(&Service { slot: 1, sensor: 0, bits: 0, rate_bps: 0.0 });
+        airtime.serve(&NodeService { slot: 1, sensor: 0, bits: 0, rate_bps: 0.0 });
         assert!(!airtime.is_silent(0));
-        airtime.serve(&Service { slot: 1, sensor: 0, bits: 399, rate_bps: 100.0 });
-        airtime.serve(&Service { slot: 1, sensor: 0, bits: 0, rate_bps: 99.0 });
+        airtime.serve(&NodeService { slot: 1, sensor: 0, bits: 399, rate_bps: 100.0 });
+        airtime.serve(&NodeService { slot: 1, sensor: 0, bits: 0, rate_bps: 99.0 });
         assert!(airtime.is_silent(0), "0.01 s at 99 bit/s");
-        airtime.serve(&Service { slot: 1, sensor: 1, bits: 0, rate_bps: 100.0 });
+        airtime.serve(&NodeService { slot: 1, sensor: 1, bits: 0, rate_bps: 100.0 });
         assert!(!airtime.is_silent(1), "its queue was empty");
     }
 
@@ -217,7 +217,7 @@ mod tests {
         let sampling = Sampling::new(vec![100.0; 2], vec![10_000; 2]);
         let mut used = airtime("link.duty_cycle = 0.001\n");
         assert_eq!((used.window, used.granted_ns), (1_800, 3_600_000_000));
-        used.serve(&Service { slot: 4, sensor: 1, bits: 250, rate_bps: 100.0 });
+        used.serve(&NodeService { slot: 4, sensor: 1, bits: 250, rate_bps: 100.0 });
         used.end_slot(&SlotEnd { slot: 4, sampling: &sampling, queues_bits: &[], uavs: &[] }, &mut Vec::new());
         let mut bytes = Vec::new();
         used.save(&mut bytes);

@@ -14,7 +14,7 @@ pub use harvest::HarvestTrace;
 pub use keys::{NodeEnergyKeys, WakeMode};
 
 use super::keys::NodeKeys;
-use super::model::{Answer, NodeModel, Service, SlotEnd};
+use super::model::{Answer, NodeModel, NodeService, SlotEnd};
 use super::row::{Declared, NodeColumn, NodeFile, NodeSetup, NodeTraits};
 use crate::checkpoint::{CheckpointError, decode_first, encode};
 use crate::error::InputError;
@@ -201,8 +201,8 @@ impl NodeModel for Charges {
     }
 
     /// The SN wakes, and sends.
-    fn serve(&mut self, service: &Service) {
-        let Service { sensor, bits, rate_bps, .. } = *service;
+    fn serve(&mut self, service: &NodeService) {
+        let NodeService { sensor, bits, rate_bps, .. } = *service;
         let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
         self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
     }

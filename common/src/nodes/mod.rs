@@ -19,7 +19,7 @@ pub use duty::Airtime;
 pub use energy::Charges;
 pub use expiry::Cohorts;
 pub use keys::{NodeKeys, SensorKeys};
-pub use model::{Answer, DEAD, NodeModel, SILENT, Service, SlotEnd, held_bits, is_out};
+pub use model::{Answer, DEAD, NodeModel, NodeService, SILENT, SlotEnd, held_bits, is_out};
 pub use row::{Declared, NodeColumn, NodeFile, NodeRefusal, NodeSetup, NodeTraits};
 
 use crate::checkpoint::CheckpointError;
@@ -192,7 +192,7 @@ impl NodeFeatures {
         self.iter().map(|feature| feature.most_bits(sensor, rate_bps)).min().unwrap_or(u64::MAX)
     }
 
-    pub(crate) fn serve(&mut self, service: &Service) {
+    pub(crate) fn serve(&mut self, service: &NodeService) {
         self.iter_mut().for_each(|feature| feature.serve(service));
     }
 

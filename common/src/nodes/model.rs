@@ -60,7 +60,7 @@ impl Answer {
 
 /// A service of an SN that has answered.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Service {
+pub struct NodeService {
     /// The slot.
     pub slot: u64,
     /// The SN.
@@ -123,7 +123,7 @@ pub trait NodeModel {
     }
 
     /// An SN was served.
-    fn serve(&mut self, _service: &Service) {}
+    fn serve(&mut self, _service: &NodeService) {}
 
     /// Whether this feature stores bits in the place of the ledger ([`Self::store`]). At most one of a mission does.
     fn stores(&self) -> bool {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde_json::{Map, Value};
-use skysink_common::figure::{FigureKind, FigureSource, Report};
+use skysink_common::figure::{FigureKind, FigureSource, Printed};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -106,7 +106,7 @@ fn every_figure_is_defined_and_every_shown_one_is_named() {
     for figure in Summary::FIGURES {
         assert!(names.insert(figure.name), "{}: there are two", figure.name);
         assert!(figure.definition.trim().ends_with('.'), "{}: {}", figure.name, figure.definition);
-        let is_shown = matches!(figure.report, Report::Number(_) | Report::Text(_));
+        let is_shown = matches!(figure.report, Printed::Number(_) | Printed::Text(_));
         let is_named = !figure.label.is_empty() || !figure.heading.is_empty();
         assert!(is_named || !is_shown, "{}: expected a heading", figure.name);
         assert!(!figure.label.is_empty() || figure.of_column.is_none(), "{}: expected a label", figure.name);
