@@ -3,9 +3,10 @@
 
 use std::ops::Range;
 
-use super::decoder::{Buffers, Visit, serve};
+use super::decoder::{Buffers, Trace, Visit, serve};
 use super::model::PlanModel;
 use super::objective::{Objective, Reached};
+use super::style::Store;
 use super::window::PlanningWindow;
 
 /// Shifts [slots] up to which the cost of most gaps is linear: where they are much too long, or not by far.
@@ -78,6 +79,8 @@ pub struct Timelines<O: Objective> {
     /// Slots of the window, and of the mission after it.
     slots: f64,
     beyond_slots: f64,
+    /// What is expected after the window, of the plan as loaded; part of its cost.
+    pub beyond: f64,
     /// The number of the change, the visit with which it begins, and the sensors that it touches.
     change: u64,
     begin: usize,
@@ -96,6 +99,104 @@ impl<O: Objective> Buffers<O> for Timelines<O> {
     #[inline]
     fn serve(&mut self, model: &PlanModel, visit: &Visit) -> f64 {
         serve::<O>(model, &mut self.touch(visit.sensor).reached, visit)
+    }
+}
+
+impl<O: Objective> Store<O> for Timelines<O> {
+    fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self {
+        let levels = &window.levels;
+        let mut timelines = Self {
+            plan: Vec::new(),
+            timelines: Vec::with_capacity(levels.len()),
+            slopes: vec![0.0],
+            bent: Vec::new(),
+            unvisited: 0.0,
+            sunk: 0.0,
+            fresh: Vec::new(),
+            slots: f64::from(window.slots),
+            beyond_slots: window.beyond_slots,
+            beyond: 0.0,
+            change: 0,
+            begin: 0,
+            touched: Vec::new(),
+            changed: 0..0,
+        };
+        for (index, (sensor, &begun)) in model.sensors.iter().zip(levels).enumerate() {
+            timelines.sunk += O::rest(sensor, begun, 0.0) * O::price(sensor);
+            let end = timelines.end(model, index, begun);
+            timelines.timelines.push(Timeline {
+                begun,
+                visits: Vec::new(),
+                change: 0,
+                reached: begun,
+                nth: 0,
+                end,
+                end_slope: None,
+            });
+        }
+        timelines.unvisited = timelines.cost();
+        timelines
+    }
+
+    fn clear(&mut self, model: &PlanModel) -> f64 {
+        self.begin_at(0);
+        self.accept(model, 0, &[], Rest { from: 0, until: 0, shift: 0 });
+        self.unvisited
+    }
+
+    /// The cost of the whole plan: of the visits that follow only what they cost more is added.
+    #[inline]
+    fn begin(&mut self, _: &PlanModel, plan: &Trace, leg: usize, cost: f64) -> f64 {
+        self.begin_at(plan.first_visit(leg));
+        cost
+    }
+
+    fn accept(&mut self, model: &PlanModel, _: usize, visits: &[Visit], rest: Rest) {
+        let Rest { from, until, shift } = rest;
+        debug_assert!(until == self.plan.len() || shift > 0 || until == 0, "what is left out is after the end");
+        self.begin_at(self.begin); // the buffers are those before it again
+        (self.begin..from).for_each(|index| self.touch_visited(index));
+        (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));
+        for (index, &visit) in (self.begin as u32..).zip(visits) {
+            let Timeline { visits: own, nth, reached: before, .. } = self.touch(visit.sensor);
+            match own.get_mut(*nth).filter(|own| (**own as usize) < from) {
+                Some(own) => *own = index,
+                None => own.insert(*nth, index),
+            }
+            let (before, nth) = (*before, std::mem::replace(nth, *nth + 1) as u32);
+            let (after, cost, slope, slope_difference, is_bent) = (before, 0.0, None, 0.0, false);
+            self.fresh.push(Served { visit, before, after, cost, nth, slope, slope_difference, is_bent });
+        }
+        for &sensor in &self.touched {
+            let Timeline { visits: own, nth, .. } = &mut self.timelines[sensor as usize];
+            own.truncate(*nth + own[*nth..].partition_point(|visit| (*visit as usize) < until));
+            let replaced = own[*nth..].iter().take_while(|visit| (**visit as usize) < from).count();
+            own.drain(*nth..*nth + replaced);
+            for (nth, &visit) in (*nth as u32..).zip(&own[*nth..]) {
+                self.plan[visit as usize].nth = nth;
+            }
+        }
+        self.plan.truncate(until);
+        self.plan.splice(self.begin..from, self.fresh.drain(..));
+        let new_from = self.begin + visits.len();
+        self.changed = self.begin..new_from;
+        for touched in 0..self.touched.len() {
+            let sensor = self.touched[touched];
+            self.follow(model, sensor, self.timelines[sensor as usize].nth, rest, new_from);
+        }
+        for index in if shift != 0 || new_from != from { new_from..self.plan.len() } else { 0..0 } {
+            let Served { visit: Visit { sensor, .. }, nth, .. } = self.plan[index];
+            if self.timelines[sensor as usize].change != self.change {
+                self.follow(model, sensor, nth as usize, rest, new_from);
+            }
+        }
+        self.change += 1; // nothing is reached any more
+        self.sum_slopes(rest, new_from);
+    }
+
+    fn loaded(&mut self, model: &PlanModel, _: usize, _: f64) -> f64 {
+        self.beyond = self.cost_beyond(model);
+        self.cost()
     }
 }
 
@@ -142,36 +243,7 @@ impl<L: Copy> Timeline<L> {
 }
 
 impl<O: Objective> Timelines<O> {
-    /// Those of an empty plan.
-    #[must_use]
-    pub fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self {
-        let levels = if O::HOVERS { &[] } else { &window.levels[..] };
-        let mut timelines = Self {
-            plan: Vec::new(),
-            timelines: Vec::with_capacity(levels.len()),
-            slopes: vec![0.0],
-            bent: Vec::new(),
-            unvisited: 0.0,
-            sunk: 0.0,
-            fresh: Vec::new(),
-            slots: f64::from(window.slots),
-            beyond_slots: window.beyond_slots,
-            change: 0,
-            begin: 0,
-            touched: Vec::new(),
-            changed: 0..0,
-        };
-        for (index, (sensor, &begun)) in model.sensors.iter().zip(levels).enumerate() {
-            let (end, end_slope) = (timelines.end(model, index, begun), None);
-            timelines.sunk += O::rest(sensor, begun, 0.0) * O::price(sensor);
-            let (visits, reached) = (Vec::new(), begun);
-            timelines.timelines.push(Timeline { begun, visits, change: 0, reached, nth: 0, end, end_slope });
-        }
-        timelines.unvisited = timelines.cost();
-        timelines
-    }
-
-    /// What the plan costs.
+    /// What the plan costs, added up again: after many changes its cost has errors of rounding.
     pub fn cost(&self) -> f64 {
         let gaps: f64 = self.plan.iter().map(|served| served.cost).sum();
         gaps + self.timelines.iter().map(|timeline| timeline.end).sum::<f64>() - self.sunk
@@ -183,15 +255,15 @@ impl<O: Objective> Timelines<O> {
     }
 
     /// What is expected after the window.
-    pub fn cost_beyond(&self, model: &PlanModel) -> f64 {
+    fn cost_beyond(&self, model: &PlanModel) -> f64 {
         if self.beyond_slots <= 0.0 {
             return 0.0;
         }
-        self.levels().iter().enumerate().map(|(sensor, level)| self.beyond(model, sensor, *level)).sum()
+        self.levels().iter().enumerate().map(|(sensor, level)| self.beyond_of(model, sensor, *level)).sum()
     }
 
     /// The same of `sensor`, left with the buffer `level` by its last visit.
-    fn beyond(&self, model: &PlanModel, sensor: usize, level: O::Level) -> f64 {
+    fn beyond_of(&self, model: &PlanModel, sensor: usize, level: O::Level) -> f64 {
         let level = model.level_at::<O>(sensor, self.slots, level);
         let sensor = &model.sensors[sensor];
         O::beyond(sensor, level, self.slots, model.round_slots, self.beyond_slots) * O::price(sensor)
@@ -200,7 +272,7 @@ impl<O: Objective> Timelines<O> {
     /// What `sensor` costs after its last visit, which leaves the buffer `level`.
     fn end(&self, model: &PlanModel, sensor: usize, level: O::Level) -> f64 {
         let rest = model.rest::<O>(sensor, self.slots, level) * O::price(&model.sensors[sensor]);
-        if self.beyond_slots > 0.0 { rest + self.beyond(model, sensor, level) } else { rest }
+        if self.beyond_slots > 0.0 { rest + self.beyond_of(model, sensor, level) } else { rest }
     }
 
     /// What a gap of `sensor` up to `slot` costs more for each slot that it is longer, if that is linear.
@@ -216,15 +288,8 @@ impl<O: Objective> Timelines<O> {
         slope.filter(|slope| self.beyond_slots <= 0.0 || *slope > 0.0)
     }
 
-    /// Removes all visits of the plan; returns what it then costs.
-    pub fn clear(&mut self, model: &PlanModel) -> f64 {
-        self.begin(0);
-        self.accept(model, &[], Rest { from: 0, until: 0, shift: 0 });
-        self.unvisited
-    }
-
     /// Begins a change at visit `visit` of the plan.
-    pub fn begin(&mut self, visit: usize) {
+    fn begin_at(&mut self, visit: usize) {
         self.change += 1;
         self.begin = visit;
         self.touched.clear();
@@ -335,50 +400,6 @@ impl<O: Objective> Timelines<O> {
         let [now, then] = [reached(slot + shift, level), reached(slot, served.after)];
         // The visits of others are not shifted.
         (shift == 0 || model.others.is_empty()) && O::agree(&model.sensors[sensor as usize], &now, &then)
-    }
-
-    /// Replaces the visits of the plan between the begin of the change and `rest` by `visits`.
-    pub fn accept(&mut self, model: &PlanModel, visits: &[Visit], rest: Rest) {
-        let Rest { from, until, shift } = rest;
-        debug_assert!(until == self.plan.len() || shift > 0 || until == 0, "what is left out is after the end");
-        self.begin(self.begin); // the buffers are those before it again
-        (self.begin..from).for_each(|index| self.touch_visited(index));
-        (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));
-        for (index, &visit) in (self.begin as u32..).zip(visits) {
-            let Timeline { visits: own, nth, reached: before, .. } = self.touch(visit.sensor);
-            match own.get_mut(*nth).filter(|own| (**own as usize) < from) {
-                Some(own) => *own = index,
-                None => own.insert(*nth, index),
-            }
-            let (before, nth) = (*before, std::mem::replace(nth, *nth + 1) as u32);
-            let (after, cost, slope, slope_difference, is_bent) = (before, 0.0, None, 0.0, false);
-            self.fresh.push(Served { visit, before, after, cost, nth, slope, slope_difference, is_bent });
-        }
-        for &sensor in &self.touched {
-            let Timeline { visits: own, nth, .. } = &mut self.timelines[sensor as usize];
-            own.truncate(*nth + own[*nth..].partition_point(|visit| (*visit as usize) < until));
-            let replaced = own[*nth..].iter().take_while(|visit| (**visit as usize) < from).count();
-            own.drain(*nth..*nth + replaced);
-            for (nth, &visit) in (*nth as u32..).zip(&own[*nth..]) {
-                self.plan[visit as usize].nth = nth;
-            }
-        }
-        self.plan.truncate(until);
-        self.plan.splice(self.begin..from, self.fresh.drain(..));
-        let new_from = self.begin + visits.len();
-        self.changed = self.begin..new_from;
-        for touched in 0..self.touched.len() {
-            let sensor = self.touched[touched];
-            self.follow(model, sensor, self.timelines[sensor as usize].nth, rest, new_from);
-        }
-        for index in if shift != 0 || new_from != from { new_from..self.plan.len() } else { 0..0 } {
-            let Served { visit: Visit { sensor, .. }, nth, .. } = self.plan[index];
-            if self.timelines[sensor as usize].change != self.change {
-                self.follow(model, sensor, nth as usize, rest, new_from);
-            }
-        }
-        self.change += 1; // nothing is reached any more
-        self.sum_slopes(rest, new_from);
     }
 
     /// Brings up to date the visits of a sensor from its visit `nth` on, the first in the rest, and new ones before it.
