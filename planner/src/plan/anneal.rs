@@ -88,7 +88,8 @@ pub fn anneal<O: Objective>(
         }
         let disks = model.disks.len();
         inserted.clear();
-        let (legs, start) = (&forecast.trace.legs[..], forecast.window.start);
+        let legs = &forecast.trace.legs[..];
+        let start = forecast.window.start;
         let mut draft = Draft { model, legs, start, open: &open, random: &mut *search.random, inserted: &mut inserted };
         let (operator, replaced) = draft.draw(O::Style::OPERATORS);
         let counts = &mut search.counts[operator];

@@ -188,7 +188,8 @@ impl<O: Objective> CarriedPlan<O> {
     pub fn visits(&self, view: &View, forecast: &Forecast<O>) -> Vec<PlannedVisit> {
         let mut levels = forecast.window.levels.clone();
         let planned = forecast.visits().map(|visit| {
-            let (index, slot) = (visit.sensor as usize, f64::from(visit.slot));
+            let index = visit.sensor as usize;
+            let slot = f64::from(visit.slot);
             let sensor = &self.model.sensors[index];
             let (units, left) = O::visit(sensor, levels[index], slot, visit.capacity);
             levels[index] = left;

@@ -206,7 +206,9 @@ impl Decoder {
             // Whether the stop can be served from the base, with what it charges.
             self.leave_base(home, &visit, back.energy_j());
             margin_j = self.next_margin_j::<O>(model, &from_base);
-            (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
+            self.at = at;
+            self.slot = slot;
+            self.energy_j = energy_j;
             if margin_j < 0.0 {
                 // It is left out, unless the base does not charge: then the flights end.
                 return home.battery_at(&visit.at).is_some_and(|battery| battery.is_charged()).then_some(0.0);
@@ -268,7 +270,8 @@ impl Decoder {
         let route = home.route(flown, &self.at);
         // Longer than any mission if there is none.
         let route = route.unwrap_or_else(|| Route::new(self.at, [RoutePart { end: self.at, slots: MOST_SLOTS }], None));
-        let (slots, at) = (route.slots().min(MOST_SLOTS) as i32, route.end());
+        let slots = route.slots().min(MOST_SLOTS) as i32;
+        let at = route.end();
         if home.battery.is_none() {
             return (BaseVisit { slots, charged: 0, waited: 0, at }, route);
         }

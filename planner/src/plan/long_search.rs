@@ -196,7 +196,9 @@ mod tests {
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let list = SensorList::of(&scenario).unwrap();
         let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
-        let (setup, queues_bits, stop) = (setup.setup(), list.queues_bits(), Stop::default());
+        let setup = setup.setup();
+        let queues_bits = list.queues_bits();
+        let stop = Stop::default();
         let view = View::at_start(&setup, &queues_bits, &stop);
         let plan = CarriedPlan::<Loss>::new(&setup, HorizonKeys::of(0));
         let found = |steps: u64, until: u64| {

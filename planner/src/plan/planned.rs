@@ -30,7 +30,8 @@ pub fn planned_slot<O: Objective>(
     slot: i32,
     from: &Position,
 ) -> Option<PlannedSlot> {
-    let (legs, visits) = (&forecast.trace.legs, &forecast.trace.visits);
+    let legs = &forecast.trace.legs;
+    let visits = &forecast.trace.visits;
     let index = legs.partition_point(|leg| leg.end < slot);
     let leg = legs.get(index)?;
     let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);

@@ -1,7 +1,21 @@
 //! Styles of plans: what differs between plans that serve in passing and plans that hover.
 //!
 //! A style is chosen by the objective, at compile time. Model, decoder, forecast and carried plan ask it where styles
-//! differ; what only one style has is bound to it, so that the wrong call does not compile.
+//! differ; what only one style has is bound to it, so that the wrong call does not compile:
+//!
+//! ```
+//! use skysink_planner::plan::{forecast::Forecast, model::PlanModel, objective::Loss, start};
+//! fn extend(model: &PlanModel, forecast: &mut Forecast<Loss>) {
+//!     start::extend(model, forecast);
+//! }
+//! ```
+//!
+//! ```compile_fail,E0271
+//! use skysink_planner::plan::{forecast::Forecast, model::PlanModel, objective::Collect, start};
+//! fn extend(model: &PlanModel, forecast: &mut Forecast<Collect>) {
+//!     start::extend(model, forecast); // a plan that hovers has no disks
+//! }
+//! ```
 //!
 //! | style | plans |
 //! |---|---|
@@ -87,7 +101,7 @@ pub trait Style<O: Objective>: 'static {
     fn enter(model: &PlanModel, from: &Position, disk: &Disk, near: &Position) -> Option<Route>;
 
     /// The sensors of `stop` that are served at its end before all others.
-    fn served_first<'a>(model: &'a PlanModel, stop: PlannedStop) -> &'a [u32];
+    fn served_first(model: &PlanModel, stop: PlannedStop) -> &[u32];
 
     /// Stays at `stop`, up to slot `last`; returns what that costs.
     fn stay(

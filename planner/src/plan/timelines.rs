@@ -1,6 +1,8 @@
 //! The visits of a plan by sensor, and what their gaps cost. A change costs more or less for the sensors that it
 //! touches alone, so a step of a search takes as long as what it changes.
 
+mod served;
+
 use std::ops::Range;
 
 use super::decoder::{Buffers, Trace, Visit, serve};
@@ -8,44 +10,10 @@ use super::model::PlanModel;
 use super::objective::{Objective, Reached};
 use super::style::Store;
 use super::window::PlanningWindow;
+use served::{Served, Timeline};
 
 /// Shifts [slots] up to which the cost of most gaps is linear: where they are much too long, or not by far.
 const NEAR: i32 = 16;
-
-/// A visit of the plan, and the gap that it ends.
-#[derive(Debug, Clone, Copy)]
-struct Served<L> {
-    visit: Visit,
-    /// The buffer when the gap begins, and after the visit.
-    before: L,
-    after: L,
-    /// What the gap costs.
-    cost: f64,
-    /// Visits of the sensor before it.
-    nth: u32,
-    /// What the gap costs more for each slot that the visit is later, within [`NEAR`]; `None` if that is not linear.
-    slope: Option<f64>,
-    /// That slope less the one of the next gap of the sensor; 0 for one that is not linear. Summed over all visits from
-    /// one on it is the slope of each sensor's first gap less that of its last.
-    slope_difference: f64,
-    /// Whether it is not, here or at the end.
-    is_bent: bool,
-}
-
-/// A sensor: its visits, and how far a change has come.
-#[derive(Debug, Clone)]
-struct Timeline<L> {
-    begun: L,
-    /// Indices of its visits in the plan.
-    visits: Vec<u32>,
-    /// The last change that touches it, its buffer in the changed plan, and its visits in the plan before the next one.
-    change: u64,
-    reached: L,
-    nth: usize,
-    /// What it costs after its last visit, and more for each slot that the window is longer, if that is linear.
-    end: f64,
-    end_slope: Option<f64>,
-}
 
 /// What follows a change: the visits of the plan from index `from` up to `until`, `shift` slots later.
 #[derive(Debug, Clone, Copy)]
@@ -163,9 +131,9 @@ impl<O: Objective> Store<O> for Timelines<O> {
                 Some(own) => *own = index,
                 None => own.insert(*nth, index),
             }
-            let (before, nth) = (*before, std::mem::replace(nth, *nth + 1) as u32);
-            let (after, cost, slope, slope_difference, is_bent) = (before, 0.0, None, 0.0, false);
-            self.fresh.push(Served { visit, before, after, cost, nth, slope, slope_difference, is_bent });
+            let served = Served::new(visit, *before, *nth);
+            *nth += 1;
+            self.fresh.push(served);
         }
         for &sensor in &self.touched {
             let Timeline { visits: own, nth, .. } = &mut self.timelines[sensor as usize];
@@ -197,48 +165,6 @@ impl<O: Objective> Store<O> for Timelines<O> {
     fn loaded(&mut self, model: &PlanModel, _: usize, _: f64) -> f64 {
         self.beyond = self.cost_beyond(model);
         self.cost()
-    }
-}
-
-impl<L: Copy + PartialEq> Served<L> {
-    /// Puts a new visit, or one of the plan `shift` slots later, after the buffer `before`. Returns whether it costs as
-    /// before, so many slots later; if not, the buffer after it is still `before`.
-    #[inline]
-    fn renew(&mut self, before: L, shift: Option<i32>, later: impl Fn(L, f64) -> L) -> bool {
-        let slots = shift.unwrap_or(0);
-        self.visit.slot += slots;
-        let is_same =
-            shift.is_some() && (slots == 0 || self.slope.is_some()) && before == later(self.before, f64::from(slots));
-        self.after = if is_same { later(self.after, f64::from(slots)) } else { before };
-        self.before = before;
-        is_same
-    }
-
-    /// Puts the visit, the one at `index`, before a gap of its sensor with the slope `next`, which may be its last, and
-    /// extends `changed` by it if its slope differs.
-    #[inline]
-    fn precede(&mut self, next: Option<f64>, is_last: bool, index: usize, changed: &mut Range<usize>) {
-        let slope_difference = self.slope.unwrap_or(0.0) - next.unwrap_or(0.0);
-        let is_bent = self.slope.is_none() || is_last && next.is_none();
-        if slope_difference != self.slope_difference || is_bent != self.is_bent {
-            (self.slope_difference, self.is_bent) = (slope_difference, is_bent);
-            *changed = changed.start.min(index)..changed.end.max(index + 1);
-        }
-    }
-}
-
-impl<L: Copy> Timeline<L> {
-    /// The buffer before visit `visit` of the plan, and the number of visits of the sensor before it.
-    #[inline]
-    fn at(&self, plan: &[Served<L>], visit: usize) -> (L, usize) {
-        let nth = self.visits.partition_point(|own| (*own as usize) < visit);
-        (self.last(nth).map_or(self.begun, |last| plan[last].after), nth)
-    }
-
-    /// Index of the last of its first `nth` visits.
-    #[inline]
-    fn last(&self, nth: usize) -> Option<usize> {
-        nth.checked_sub(1).map(|last| self.visits[last] as usize)
     }
 }
 
@@ -313,7 +239,9 @@ impl<O: Objective> Timelines<O> {
         let Served { visit: Visit { sensor, .. }, before, nth, .. } = self.plan[index];
         let timeline = &mut self.timelines[sensor as usize];
         if timeline.change != self.change {
-            (timeline.change, timeline.reached, timeline.nth) = (self.change, before, nth as usize);
+            timeline.change = self.change;
+            timeline.reached = before;
+            timeline.nth = nth as usize;
             self.touched.push(sensor);
         }
     }
@@ -435,12 +363,14 @@ impl<O: Objective> Timelines<O> {
                 return; // nor do the later ones differ
             }
         }
-        let (end, end_slope) = (self.end(model, sensor as usize, reached), self.end_slope(model, sensor, reached));
+        let end = self.end(model, sensor as usize, reached);
+        let end_slope = self.end_slope(model, sensor, reached);
         if let Some(last) = last {
             self.plan[last].precede(end_slope, true, last, &mut self.changed);
         }
         let timeline = &mut self.timelines[sensor as usize];
-        (timeline.end, timeline.end_slope) = (end, end_slope);
+        timeline.end = end;
+        timeline.end_slope = end_slope;
     }
 
     /// Adds up the slopes of the plan again, where they differ after a change before `rest`, which now begins at
