@@ -8,7 +8,8 @@ use super::forecast::Forecast;
 use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
-use super::operators::{Draft, operators};
+use super::operators::Draft;
+use super::style::Style;
 use crate::operator_counts::OperatorCounts;
 
 /// Slots ahead from which on changes have the full temperature.
@@ -87,9 +88,10 @@ pub fn anneal<O: Objective>(
         }
         let disks = model.disks.len();
         inserted.clear();
-        let (legs, start) = (&forecast.trace.legs[..], forecast.window.start);
+        let legs = &forecast.trace.legs[..];
+        let start = forecast.window.start;
         let mut draft = Draft { model, legs, start, open: &open, random: &mut *search.random, inserted: &mut inserted };
-        let (operator, replaced) = draft.draw(operators::<O>());
+        let (operator, replaced) = draft.draw(O::Style::OPERATORS);
         let counts = &mut search.counts[operator];
         counts.proposed += 1;
         let Some(replaced) = replaced else {

@@ -10,7 +10,8 @@
 //! | [`sensor`], [`model`] | the sensor nodes of a plan, in slots instead of bits, and the constants of a mission |
 //! | `capacities`, [`other_visits`] | what visits carry, and the visits of other UAVs |
 //! | [`window`] | what a plan begins with |
-//! | [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
+//! | [`style`] | what differs between styles of plans: [`in_passing`], [`hovering`] |
+//! | `service_disks`, [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
 //! | [`decoder`] | the flight to a stop, and the sensor nodes served on the way |
 //! | [`forecast`], [`timelines`], [`states`] | the predicted cost of a plan, or of a change |
 //! | [`start`] | initial plans |
@@ -27,7 +28,9 @@ pub mod decoder;
 pub mod forecast;
 pub mod gaps;
 pub mod groups;
+pub mod hovering;
 mod improve;
+pub mod in_passing;
 pub mod keys;
 pub mod long_search;
 pub mod model;
@@ -37,8 +40,10 @@ pub mod other_visits;
 pub mod planned;
 pub mod points;
 pub mod sensor;
+mod service_disks;
 pub mod start;
 pub mod states;
+pub mod style;
 #[cfg(test)]
 mod tests;
 pub mod timelines;

@@ -3,7 +3,10 @@
 
 use std::fmt::Debug;
 
+use super::hovering::Hovering;
+use super::in_passing::InPassing;
 use super::sensor::SensorModel;
+use super::style::Style;
 use crate::bound::window::{WindowField, WindowSensor};
 
 /// States that differ by less [slots] are equal up to rounding.
@@ -17,9 +20,8 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     /// The state of a buffer.
     type Level: Debug + Clone + Copy + PartialEq;
 
-    /// Whether plans stop at points, hover there until nothing is left, and end at home: then legs depend on the
-    /// buffers. Otherwise they stop anywhere in a disk, for a slot, and end with the last stop.
-    const HOVERS: bool = false;
+    /// The style of its plans.
+    type Style: Style<Self>;
 
     /// Whether ages of service count: then all sensors do, also those that sample nothing.
     const COUNTS_AGES: bool = false;
@@ -115,6 +117,7 @@ pub struct Loss;
 
 impl Objective for Loss {
     type Level = f64;
+    type Style = InPassing;
 
     #[inline]
     fn begin(sensor: &SensorModel, queue_bits: f64, _: f64) -> f64 {
@@ -219,8 +222,7 @@ pub struct QueueLevel {
 
 impl Objective for Collect {
     type Level = QueueLevel;
-
-    const HOVERS: bool = true;
+    type Style = Hovering;
 
     fn begin(_: &SensorModel, queue_bits: f64, _: f64) -> QueueLevel {
         QueueLevel { bits: queue_bits, slot: 0.0 }

@@ -7,6 +7,7 @@ use super::decoder::{BaseVisit, Leg};
 use super::forecast::Forecast;
 use super::model::PlanModel;
 use super::objective::Objective;
+use super::style::Style;
 
 /// A slot of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,7 +30,8 @@ pub fn planned_slot<O: Objective>(
     slot: i32,
     from: &Position,
 ) -> Option<PlannedSlot> {
-    let (legs, visits) = (&forecast.trace.legs, &forecast.trace.visits);
+    let legs = &forecast.trace.legs;
+    let visits = &forecast.trace.visits;
     let index = legs.partition_point(|leg| leg.end < slot);
     let leg = legs.get(index)?;
     let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);
@@ -61,8 +63,8 @@ pub fn planned_slot<O: Objective>(
     Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
 }
 
-/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where
-/// plans hover with the way home.
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; with
+/// the way after the last stop.
 #[must_use]
 pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
     let airspace = &model.table.airspace;
@@ -74,11 +76,8 @@ pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> 
             _ => path.push(leg.at),
         }
     }
-    if O::HOVERS {
-        let last = path.last().copied().unwrap_or(forecast.window.start);
-        let home = model.route_home(forecast.window.flown_slots, &last);
-        path.extend(home.iter().flat_map(|route| airspace.way(&last, &route.end())));
-    }
+    let last = path.last().copied().unwrap_or(forecast.window.start);
+    path.extend(O::Style::way_after(model, forecast.window.flown_slots, &last));
     path.dedup();
     path.truncate(MAX_PATH_POINTS - 1);
     path

@@ -138,7 +138,8 @@ fn cost_of_visits<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> f6
     }
     for (index, (level, begun)) in levels.iter().zip(&forecast.window.levels).enumerate() {
         let sensor = &model.sensors[index];
-        let (end, beyond_slots) = (f64::from(forecast.window.slots), forecast.window.beyond_slots);
+        let end = f64::from(forecast.window.slots);
+        let beyond_slots = forecast.window.beyond_slots;
         let rest = model.rest::<O>(index, end, *level) - O::rest(sensor, *begun, 0.0);
         let beyond = match beyond_slots > 0.0 {
             true => O::beyond(sensor, model.level_at::<O>(index, end, *level), end, model.round_slots, beyond_slots),

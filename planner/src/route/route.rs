@@ -69,7 +69,8 @@ impl Route {
     /// Where its slot number `slot` ends [m]; where it begins for 0.
     #[inline]
     pub fn at(&self, slot: u32) -> Position {
-        let (mut from, mut left) = (&self.from, slot);
+        let mut from = &self.from;
+        let mut left = slot;
         for part in &self.parts {
             if left < part.slots {
                 return from + (part.end - from) * (f64::from(left) / f64::from(part.slots));
