@@ -38,6 +38,7 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> Observer for SlotViews<F> {
     }
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
-        self.show(plant, &record.plans, &record.paths.concat())
+        let paths: Vec<PathPoint> = record.uavs().flat_map(|row| row.path).copied().collect();
+        self.show(plant, record.plans(), &paths)
     }
 }

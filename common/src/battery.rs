@@ -9,6 +9,9 @@ use crate::message::{FlightReport, Mode};
 use crate::propulsion::{farthest_mps, power_w};
 use crate::scenario::{Propulsion, Scenario};
 
+/// Weight of a UAV whose scenario does not say, as that of `uav.battery.weight_n` [N].
+const WEIGHT_N: f64 = 20.0;
+
 /// The state of a battery between two slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatteryState {
@@ -29,8 +32,7 @@ impl BatteryState {
     /// Before slot 1 of a scenario.
     #[must_use]
     pub fn initial(scenario: &Scenario) -> Self {
-        Battery::of(scenario)
-            .map_or_else(Self::default, |battery| Self { energy_j: battery.initial_j, is_charging: false })
+        Self { energy_j: Battery::of(scenario).initial_j, is_charging: false }
     }
 
     /// After a flight.
@@ -40,12 +42,12 @@ impl BatteryState {
     }
 }
 
-/// The battery of a UAV, and what a slot takes from it.
+/// The battery of a UAV, and what a slot takes from it. Without `[uav.battery]` it has no end: its capacity is infinite.
 ///
 /// `E(t) = E(t−1) − τ P(v) − w max(0, Δz)`, with the propulsion power P of [`power_w`] at the horizontal speed v.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Battery {
-    /// Energy when full [J].
+    /// Energy when full [J]; infinite without end.
     pub capacity_j: f64,
     /// Energy before slot 1 [J].
     pub initial_j: f64,
@@ -59,31 +61,55 @@ pub struct Battery {
 }
 
 impl Battery {
-    /// The battery of a scenario; `None` if its UAV has energy without end.
+    /// The battery of a scenario.
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Option<Self> {
-        let keys = scenario.uav.battery?;
-        Some(Self {
+    pub fn of(scenario: &Scenario) -> Self {
+        let endless = Self {
+            capacity_j: f64::INFINITY,
+            initial_j: f64::INFINITY,
+            reserve_j: 0.0,
+            aircraft: scenario.uav.propulsion,
+            weight_n: WEIGHT_N,
+            slot_s: scenario.slot_s,
+            charge_w: 0.0,
+            swap_slots: None,
+        };
+        let Some(keys) = scenario.uav.battery else { return endless };
+        Self {
             capacity_j: keys.capacity_j,
             initial_j: keys.capacity_j * keys.initial,
             reserve_j: keys.capacity_j * keys.reserve,
-            aircraft: scenario.uav.propulsion,
             weight_n: keys.weight_n,
-            slot_s: scenario.slot_s,
             charge_w: scenario.base.as_ref().map_or(0.0, |base| base.charge_w),
-            swap_slots: None,
-        })
+            ..endless
+        }
     }
 
-    /// It beside the charger of a site (decision D34).
+    /// The battery of a scenario; `None` without end, for what is said or exported of batteries.
+    #[must_use]
+    pub fn finite(scenario: &Scenario) -> Option<Self> {
+        Some(Self::of(scenario)).filter(|battery| !battery.is_endless())
+    }
+
+    /// Whether it has no end.
+    #[inline]
+    pub fn is_endless(&self) -> bool {
+        self.capacity_j == f64::INFINITY
+    }
+
+    /// It beside the charger of a site (decision D34). Nothing charges a battery without end.
     #[must_use]
     pub fn at(self, charger: &Charger) -> Self {
+        if self.is_endless() {
+            return self;
+        }
         Self { charge_w: charger.charge_w, swap_slots: charger.swap_slots, ..self }
     }
 
-    /// Energy [J] of a slot over the horizontal distance `distance_m` [m].
+    /// Energy [J] that a slot over the horizontal distance `distance_m` [m] takes from it: nothing without end.
+    #[inline]
     pub fn slot_j(&self, distance_m: f64) -> f64 {
-        self.leg_j(self.slot_s, distance_m, 0.0)
+        if self.is_endless() { 0.0 } else { self.leg_j(self.slot_s, distance_m, 0.0) }
     }
 
     /// Energy [J] of a flight of `duration_s` [s] over the horizontal distance `distance_m` with the climb `climb_m`
@@ -91,6 +117,15 @@ impl Battery {
     pub fn leg_j(&self, duration_s: f64, distance_m: f64, climb_m: f64) -> f64 {
         let speed_mps = if duration_s > 0.0 { distance_m / duration_s } else { 0.0 };
         duration_s * power_w(&self.aircraft, speed_mps) + self.climb_j(climb_m)
+    }
+
+    /// Energy [J] of flying `step` [m] in a slot, also without end: then the propulsion power at the speed along the
+    /// step, which is all that is known of a climb.
+    pub fn flight_j(&self, step: &Vector3<f64>) -> f64 {
+        match self.is_endless() {
+            true => self.slot_s * power_w(&self.aircraft, step.norm() / self.slot_s),
+            false => self.leg_j(self.slot_s, step.xy().norm(), step.z),
+        }
     }
 
     fn climb_j(&self, climb_m: f64) -> f64 {
@@ -125,19 +160,12 @@ impl Battery {
         self.swap_slots.is_some()
     }
 
-    /// Distance of a slot [m] at the speed of least energy per metre, at most `reach_m`.
+    /// Distance of a slot [m] at the speed of least energy per metre, at most `reach_m`, which it is without end.
     pub fn thrifty_m(&self, reach_m: f64) -> f64 {
+        if self.is_endless() {
+            return reach_m;
+        }
         farthest_mps(&self.aircraft, reach_m / self.slot_s) * self.slot_s
-    }
-}
-
-/// Energy [J] of flying `step` [m] in a slot of `slot_s` [s]: what the battery gives; without one, the propulsion power
-/// at the speed along the step, which is then all that is known of a climb.
-#[must_use]
-pub fn flight_j(battery: Option<&Battery>, aircraft: &Propulsion, slot_s: f64, step: &Vector3<f64>) -> f64 {
-    match battery {
-        Some(battery) => battery.leg_j(slot_s, step.xy().norm(), step.z),
-        None => slot_s * power_w(aircraft, step.norm() / slot_s),
     }
 }
 
@@ -154,7 +182,7 @@ mod tests {
 
     #[test]
     fn energy_of_a_slot_is_power_and_climb_work() {
-        let battery = Battery::of(&scenario("weight_n = 30.0\n")).unwrap();
+        let battery = Battery::of(&scenario("weight_n = 30.0\n"));
         let at = |x_m: f64, z_m: f64| Point3::new(x_m, 7.0, z_m);
         // Two seconds of hovering: 2 · (79.86 + 88.63) J.
         assert!((battery.flown_j(900.0, &at(1.0, 20.0), &at(1.0, 20.0)) - (900.0 - 336.98)).abs() < 1e-9);
@@ -168,30 +196,32 @@ mod tests {
     #[test]
     fn a_flight_takes_what_the_battery_gives_or_the_power_along_it() {
         let scenario = scenario("weight_n = 30.0\n");
-        let battery = Battery::of(&scenario).unwrap();
-        let flight_j = |battery, step| flight_j(battery, &scenario.uav.propulsion, 2.0, &step);
+        let battery = Battery::of(&scenario);
+        let mut without = scenario.clone();
+        without.uav.battery = None;
+        let endless = Battery::of(&without);
         for step in
             [Vector3::zeros(), Vector3::new(6.0, 8.0, 0.0), Vector3::new(6.0, 0.0, 8.0), Vector3::new(6.0, 0.0, -8.0)]
         {
             let given_j = 900.0 - battery.flown_j(900.0, &Point3::origin(), &(Point3::origin() + step));
-            assert!((flight_j(Some(&battery), step) - given_j).abs() < 1e-9, "{step}");
+            assert!((battery.flight_j(&step) - given_j).abs() < 1e-9, "{step}");
             // Along all of them but the first 10 m.
             let distance_m = if step.norm() > 0.0 { 10.0 } else { 0.0 };
-            assert!((flight_j(None, step) - battery.slot_j(distance_m)).abs() < 1e-9, "{step}");
+            assert!((endless.flight_j(&step) - battery.slot_j(distance_m)).abs() < 1e-9, "{step}");
         }
     }
 
     #[test]
     fn charging_ends_at_the_capacity() {
-        let battery = Battery::of(&scenario("[base]\ncharge_w = 30.0\n")).unwrap();
+        let battery = Battery::of(&scenario("[base]\ncharge_w = 30.0\n"));
         assert_eq!([900.0, 950.0, 1_000.0].map(|energy_j| battery.charged_j(energy_j)), [960.0, 1_000.0, 1_000.0]);
-        let landed = Battery::of(&scenario("")).unwrap();
+        let landed = Battery::of(&scenario(""));
         assert_eq!((landed.charged_j(900.0), landed.is_charged()), (900.0, false));
     }
 
     #[test]
     fn the_economic_speed_minimises_energy_per_metre() {
-        let battery = Battery::of(&scenario("")).unwrap();
+        let battery = Battery::of(&scenario(""));
         let thrifty_m = battery.thrifty_m(60.0);
         for step in 1..=600 {
             let slot_m = f64::from(step) / 10.0;

@@ -73,20 +73,42 @@ fn cut(bytes: &[u8], length: usize) -> Result<(&[u8], &[u8]), CheckpointError> {
     Ok(bytes.split_at(length))
 }
 
-/// What a slot leaves: the plans, the flights, and the ledger after them.
+/// What a slot leaves of a UAV.
+#[derive(Debug, Clone, Copy)]
+pub struct UavSlot<'a> {
+    /// The number of the UAV.
+    pub uav: usize,
+    /// Its plan; `None` if it had none and held its position. In a ring, a plan is also here if it came too late to be
+    /// flown.
+    pub plan: Option<&'a Plan>,
+    /// The planned path, with the waypoint of the slot first. Empty in a ring, and for a planner that does not look
+    /// ahead, but for its way home.
+    pub path: &'a [PathPoint],
+    /// Its flight.
+    pub flight: &'a FlightReport,
+}
+
+/// What a slot leaves: a row for each UAV, and the ledger after them.
 #[derive(Debug, Clone)]
 pub struct SlotRecord {
-    /// The plans. In a ring, a plan is also here if it came too late to be flown.
-    pub plans: Plans,
-    /// The planned paths, each with the waypoint of the slot first. Empty in a ring, and for a planner
-    /// that does not look ahead, but for its way home.
-    pub paths: ByUav<Vec<PathPoint>>,
-    /// The flights.
-    pub flights: ByUav<FlightReport>,
+    plans: Plans,
+    paths: ByUav<Vec<PathPoint>>,
+    flights: ByUav<FlightReport>,
     /// The ledger after the slot.
     pub header: QueuesHeader,
 }
 
+/// ```
+/// use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, QueuesHeader};
+/// use skysink_common::slot_record::{ByUav, SlotRecord};
+/// let flights: ByUav<_> = [1.0, 2.0].map(|x_m| FlightReport::at([x_m, 0.0, 20.0], Mode::Serve)).into_iter().collect();
+/// let mut record = SlotRecord::unplanned(flights, QueuesHeader::default());
+/// let plan = Plan::fly_to([2.0, 0.0, 20.0], Mode::Serve);
+/// record.begin(&[None, Some(plan)]);
+/// record.add_path(1, [PathPoint::of(1, &plan.waypoint())].into_iter());
+/// let of_uavs = record.uavs().map(|row| (row.uav, row.plan.is_some(), row.path.len(), row.flight.x_m));
+/// assert!(of_uavs.eq([(0, false, 0, 1.0), (1, true, 1, 2.0)]));
+/// ```
 impl SlotRecord {
     /// The record of flights without plans.
     #[must_use]
@@ -98,5 +120,43 @@ impl SlotRecord {
     /// The slot, from 1.
     pub fn slot(&self) -> u64 {
         self.header.head.slot
+    }
+
+    /// What the slot leaves of each UAV, in the order of their numbers.
+    pub fn uavs(&self) -> impl ExactSizeIterator<Item = UavSlot<'_>> {
+        self.flights.iter().enumerate().map(|(uav, flight)| UavSlot {
+            uav,
+            plan: self.plans[uav].as_ref(),
+            path: &self.paths[uav],
+            flight,
+        })
+    }
+
+    /// The flights as one block, as field and messages take them.
+    pub fn flights(&self) -> &ByUav<FlightReport> {
+        &self.flights
+    }
+
+    /// The plans as one block, as a plant takes them.
+    pub fn plans(&self) -> &Plans {
+        &self.plans
+    }
+
+    /// Begins a slot with its plans, and without paths. Returns the flights, for those of the slot to replace the last.
+    ///
+    /// # Panics
+    /// If there is not one entry for each UAV.
+    pub fn begin(&mut self, plans: &[Option<Plan>]) -> &mut [FlightReport] {
+        self.plans.copy_from_slice(plans);
+        self.paths.iter_mut().for_each(Vec::clear);
+        &mut self.flights
+    }
+
+    /// Adds points to the path of the UAV number `uav`.
+    ///
+    /// # Panics
+    /// If there is no such UAV.
+    pub fn add_path(&mut self, uav: usize, path: impl Iterator<Item = PathPoint>) {
+        self.paths[uav].extend(path);
     }
 }

@@ -25,7 +25,7 @@ pub struct Vehicle {
     pub energy_j: f64,
     /// Slots that a swap of the battery has taken so far; 0 outside of one.
     pub(crate) swapped_slots: u64,
-    battery: Option<Battery>,
+    battery: Battery,
     base: Option<Base>,
     airspace: Arc<Airspace>,
 }
@@ -38,7 +38,7 @@ impl Vehicle {
         Self {
             scenario: Arc::new(scenario.clone()),
             position: scenario.start(),
-            energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
+            energy_j: battery.initial_j,
             swapped_slots: 0,
             battery,
             base: scenario.landing_base(),
@@ -54,7 +54,7 @@ impl Vehicle {
     /// Replaces the energy of the model by a measured one [J], if there is a battery; otherwise the energy stays
     /// infinite.
     pub fn correct_energy(&mut self, energy_j: f64) {
-        if self.battery.is_some() {
+        if !self.battery.is_endless() {
             self.energy_j = energy_j;
         }
     }
@@ -66,9 +66,7 @@ impl Vehicle {
 
     /// Moves to `position` [m], wherever it lies, with the energy that the flight of a slot takes.
     pub fn move_to(&mut self, position: Point3<f64>) {
-        if let Some(battery) = &self.battery {
-            self.energy_j = battery.flown_j(self.energy_j, &self.position, &position);
-        }
+        self.energy_j = self.battery.flown_j(self.energy_j, &self.position, &position);
         self.position = position;
         self.swapped_slots = 0;
     }
@@ -76,13 +74,12 @@ impl Vehicle {
     /// Charges for a slot, if it is in the base; otherwise hovers, and returns false.
     #[must_use]
     pub fn charge(&mut self) -> bool {
-        let is_in_base = self.is_base(&self.position.xy());
-        let Some(battery) = self.battery.filter(|_| is_in_base) else {
+        if !self.is_base(&self.position.xy()) {
             self.move_to(self.position);
-            return is_in_base;
-        };
+            return false;
+        }
         let charger = self.base.as_ref().and_then(|base| base.charger_at(&self.position.xy()));
-        let battery = charger.map_or(battery, |charger| battery.at(charger));
+        let battery = charger.map_or(self.battery, |charger| self.battery.at(charger));
         let is_swapping = battery.is_swapped() && self.energy_j < battery.capacity_j;
         self.swapped_slots = if is_swapping { self.swapped_slots + 1 } else { 0 };
         self.energy_j = match is_swapping {
@@ -97,7 +94,7 @@ impl Vehicle {
     pub(crate) fn pad_site(&self) -> Option<usize> {
         let base = self.base.as_ref()?;
         let site = base.site_at(&self.position.xy())?;
-        let is_low = self.battery.is_some_and(|battery| self.energy_j < battery.capacity_j);
+        let is_low = self.energy_j < self.battery.capacity_j;
         (is_low && base.sites()[site].charger.charges()).then_some(site)
     }
 

@@ -31,7 +31,7 @@ static FLOWN: LazyLock<Vec<(ByUav<FlightReport>, Field)>> = LazyLock::new(|| {
     let mut mission = Mission::new(&scenario, &WORLDS[0].list).expect("its keys were checked");
     let mut flown = vec![(mission.plant().flights().clone(), mission.plant().field().clone())];
     while let Some(record) = mission.next() {
-        flown.push((record.flights, mission.plant().field().clone()));
+        flown.push((record.flights().clone(), mission.plant().field().clone()));
     }
     flown
 });

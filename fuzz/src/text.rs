@@ -89,8 +89,8 @@ fn fly(scenario: &Scenario, list: &SensorList) {
     let mut mission = Mission::new(scenario, list).expect("its planner's keys were checked");
     for _ in 0..3 {
         let Some(flown) = mission.next() else { return };
-        let flight = flown.flights[UAV];
-        assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plans);
+        let flight = flown.flights()[UAV];
+        assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plans());
         assert_ne!(flight.mode, Mode::Hold as u32);
         assert_eq!(flown.header.totals, mission.plant().field().totals());
         balanced(mission.plant().field(), scenario.sensors.capacity_bits.ends()[1]);

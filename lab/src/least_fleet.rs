@@ -128,7 +128,7 @@ impl FleetQuestion {
         let [mut held_slots, mut refused] = [0; 2];
         for record in &mut mission {
             stop.check()?;
-            for flight in record.flights.iter().filter(|flight| !flight.awaits_pad()) {
+            for flight in record.uavs().map(|row| row.flight).filter(|flight| !flight.awaits_pad()) {
                 held_slots += u64::from(flight.flown_mode() == Mode::Hold);
                 refused += u64::from(flight.refused);
             }

@@ -339,12 +339,12 @@ impl Observer for SameFlight<'_> {
 
     fn slot(&mut self, record: &SlotRecord, _plant: &Plant) -> Result<(), MissionError> {
         let moves = &self.moves[record.slot() as usize - 1];
-        for (planned, flight) in moves.iter().zip(&record.flights) {
+        for (planned, row) in moves.iter().zip(record.uavs()) {
             let refuse = |what: String| {
                 let line = format_args!("line {}: slot {}: {what}", planned.line, record.slot());
                 Err(InputError::new(PLAN, self.path, line).into())
             };
-            if let Some(what) = self.deviation(planned, flight) {
+            if let Some(what) = self.deviation(planned, row.flight) {
                 return refuse(what);
             }
             let header = &record.header;

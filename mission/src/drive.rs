@@ -264,7 +264,7 @@ pub(crate) fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan
 /// let list = SensorList::of(&scenario).unwrap();
 /// let mut mission = Mission::new(&scenario, &list).unwrap();
 /// let mut again = Plant::new(&scenario, &list);
-/// let mut same = Planned(mission.by_ref().map(|record| record.plans));
+/// let mut same = Planned(mission.by_ref().map(|record| record.plans().clone()));
 /// drive(&mut again, &mut same, &mut [], &Default::default()).unwrap();
 /// assert_eq!(again.header(), mission.header());
 /// ```
@@ -404,7 +404,7 @@ mod tests {
             Planned([None, Some(Plan::fly_to(start, Mode::Serve))].map(|plan| Plans::from_buf([plan])).into_iter());
         let end = drive(&mut plant, &mut pilot, &mut [&mut kept], &Stop::default()).unwrap();
         assert_eq!((end, plant.slot()), (End::OutOfPlans, 2));
-        let holds = kept.records.iter().map(|record| record.flights[UAV].hold);
+        let holds = kept.records.iter().map(|record| record.flights()[UAV].hold);
         assert!(holds.eq([HoldReason::NoPlan as u32, HoldReason::None as u32]));
     }
 
@@ -413,9 +413,9 @@ mod tests {
         for (strategy, looks_ahead) in [("uts", false), ("horizon", true)] {
             let (mut plant, mut planner) = world(strategy, 1);
             step(&mut plant, &mut planner, &Stop::default()).unwrap();
-            let record = plant.record();
-            assert_eq!(record.paths[UAV].len() > 1, looks_ahead, "{strategy}");
-            assert_eq!(record.paths[UAV].is_empty(), !looks_ahead, "{strategy}");
+            let path = plant.record().uavs().next().unwrap().path;
+            assert_eq!(path.len() > 1, looks_ahead, "{strategy}");
+            assert_eq!(path.is_empty(), !looks_ahead, "{strategy}");
         }
     }
 
@@ -432,10 +432,10 @@ mod tests {
             let stepped: Vec<SlotRecord> = Mission::new(&scenario, &list).unwrap().collect();
             let headers = |records: &[SlotRecord]| records.iter().map(|record| record.header).collect::<Vec<_>>();
             prop_assert_eq!(headers(&kept.records), headers(&stepped));
-            prop_assert!(kept.records.iter().zip(&stepped).all(|(one, other)| one.flights == other.flights));
+            prop_assert!(kept.records.iter().zip(&stepped).all(|(one, other)| one.flights() == other.flights()));
             // The plans of the mission lead to it once more.
             let mut again = Kept::default();
-            let mut pilot = Planned(stepped.iter().map(|record| record.plans.clone()));
+            let mut pilot = Planned(stepped.iter().map(|record| record.plans().clone()));
             drive(&mut Plant::new(&scenario, &list), &mut pilot, &mut [&mut again], &Stop::default()).unwrap();
             prop_assert_eq!(headers(&again.records), headers(&stepped));
         }

@@ -36,10 +36,10 @@ impl Losses {
     pub(crate) fn add(&mut self, record: &SlotRecord) {
         self.slot = record.slot();
         self.ledger.sample(self.slot);
-        for link in uploads(&record.flights) {
+        for link in uploads(record.flights()) {
             let _ = self.ledger.serve(self.slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
         }
-        self.ledger.end_slot(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
+        self.ledger.end_slot(self.slot, &beacons(record.flights()).collect::<Vec<Position>>());
     }
 
     /// Bits lost so far by weight (decision D25); `None` where all weights are equal.

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
-use skysink_common::battery::{Battery, flight_j};
+use skysink_common::battery::Battery;
 use skysink_common::message::{FlightReport, Mode};
 use skysink_common::nodes::energy::NodeEnergyUse;
-use skysink_common::scenario::{Propulsion, Scenario};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, UAV, uploads};
 use skysink_planner::settings::Settings;
@@ -339,8 +339,7 @@ struct MeteredUav {
 pub struct MissionMeter {
     tally: Tally,
     slot_s: f64,
-    aircraft: Propulsion,
-    battery: Option<Battery>,
+    battery: Battery,
     uavs: ByUav<MeteredUav>,
     flown_m: f64,
     energy_j: f64,
@@ -363,7 +362,6 @@ impl MissionMeter {
         Self {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
-            aircraft: scenario.uav.propulsion,
             battery: Battery::of(scenario),
             uavs: scenario
                 .starts()
@@ -446,7 +444,7 @@ impl MissionMeter {
             // A UAV that goes down has flown in that slot.
             let was_down = std::mem::replace(&mut uav.is_down, flight.flown_mode() == Mode::Down);
             if flight.flown_mode() != Mode::Charge && !was_down {
-                self.energy_j += flight_j(self.battery.as_ref(), &self.aircraft, self.slot_s, &step);
+                self.energy_j += self.battery.flight_j(&step);
             }
         }
         for link in uploads(flights) {
@@ -467,7 +465,7 @@ impl Observer for MissionMeter {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         self.tally.add(record)?;
         let field = plant.field();
-        self.add(&record.flights, |id| field.has_answered(id).then(|| Delivered::of(field, id as usize)));
+        self.add(record.flights(), |id| field.has_answered(id).then(|| Delivered::of(field, id as usize)));
         Ok(())
     }
 }

@@ -37,7 +37,7 @@ pub struct Mission {
 /// let mut mission = Mission::until(&scenario, &list, &Stop::default()).unwrap();
 /// assert_eq!(mission.plant().flight(0).position(), scenario.start());
 /// let plan = mission.plan();
-/// assert_eq!(mission.fly(Some(&plan)).flights[0].position(), plan.waypoint());
+/// assert_eq!(mission.fly(Some(&plan)).flights()[0].position(), plan.waypoint());
 /// assert_eq!((mission.slot(), mission.drive(&mut [], &Stop::default()).unwrap()), (1, End::Complete));
 ///
 /// let mut transit = Mission::by(&scenario, &list, &mut |_| Ok(rule(|_| None)), &Stop::default()).unwrap();

@@ -70,7 +70,7 @@ impl Plant {
 
     /// The last flight of each UAV; before slot 1 the UAV at its start.
     pub fn flights(&self) -> &ByUav<FlightReport> {
-        &self.record.flights
+        self.record.flights()
     }
 
     /// The last flight of the UAV number `uav`; before slot 1 the UAV at its start.
@@ -78,7 +78,7 @@ impl Plant {
     /// # Panics
     /// If there is no such UAV.
     pub fn flight(&self, uav: usize) -> &FlightReport {
-        &self.record.flights[uav]
+        &self.record.flights()[uav]
     }
 
     /// What the UAVs hear after the last slot, by UAV and sensor node; nothing without `link.beacon_radius_m`.
@@ -99,22 +99,21 @@ impl Plant {
     pub fn step(&mut self, plans: &[Option<Plan>]) -> &SlotRecord {
         let slot = self.slot() + 1;
         let record = &mut self.record;
-        record.plans.copy_from_slice(plans);
-        record.paths.iter_mut().for_each(Vec::clear);
+        let flights = record.begin(plans);
         let plan_of = |uav: usize| plans[uav].as_ref();
         if self.repeats_reports {
-            self.fleet.repeat(slot, plan_of, &mut record.flights);
+            self.fleet.repeat(slot, plan_of, flights);
         } else {
-            self.fleet.step(slot, plan_of, &mut record.flights);
+            self.fleet.step(slot, plan_of, flights);
         }
-        self.field.step(slot, &record.flights).expect("flight-sim serves only known sensor nodes");
+        self.field.step(slot, record.flights()).expect("flight-sim serves only known sensor nodes");
         record.header = self.field.header(slot_header(slot, self.slots));
         record
     }
 
     /// Adds the path that the last plan of the UAV number `uav` belongs to, for the observers.
     pub(crate) fn add_path(&mut self, uav: usize, path: impl Iterator<Item = PathPoint>) {
-        self.record.paths[uav].extend(path);
+        self.record.add_path(uav, path);
     }
 }
 
@@ -137,7 +136,7 @@ impl Checkpoint for Plant {
     fn save(&self, bytes: &mut Vec<u8>) {
         let mut flights = Vec::new();
         let mut field = Vec::new();
-        self.record.flights.save(&mut flights);
+        self.record.flights().save(&mut flights);
         self.field.save(&mut field);
         encode(&SavedPlant { slot: self.slot(), flights, field }, bytes);
     }
@@ -145,7 +144,7 @@ impl Checkpoint for Plant {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let SavedPlant { slot, flights, field } = decode(bytes)?;
         CheckpointError::ensure(slot <= self.slots, "a slot of the mission")?;
-        let mut flown = self.record.flights.clone();
+        let mut flown = self.record.flights().clone();
         flown.restore(&flights)?;
         let mut restored = self.field.clone();
         restored.restore(&field)?;
@@ -174,7 +173,7 @@ mod tests {
         let path = std::path::Path::new("x.toml");
         let scenario = Scenario::parse(text, path, Overrides::default()).and_then(settings::resolve).unwrap();
         let list = SensorList::of(&scenario).unwrap();
-        let plans = Mission::new(&scenario, &list).unwrap().map(|record| record.plans).collect();
+        let plans = Mission::new(&scenario, &list).unwrap().map(|record| record.plans().clone()).collect();
         (Plant::new(&scenario, &list).with_belief(Belief::of(&scenario, &list, knowledge)), plans)
     }
 

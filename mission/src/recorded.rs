@@ -182,7 +182,7 @@ impl Recorded {
         record.header.delivered_bits = delivered_bits;
         record.header.lost_bits = lost_bits;
         let is_balanced = record.header.totals.is_balanced();
-        if !is_balanced || !self.log.repeat(self.lines.lines(), &record.flights, &record.header)? {
+        if !is_balanced || !self.log.repeat(self.lines.lines(), record.flights(), &record.header)? {
             let what = "it differs from the ledger of the scenario: it or an earlier line was modified";
             return Err(self.lines.refuse(what));
         }

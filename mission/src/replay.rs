@@ -181,8 +181,8 @@ impl Observer for Uploads {
             let before_bits = std::mem::replace(&mut self.delivered_bits[sensor], delivered_bits[sensor]);
             delivered_bits[sensor] - before_bits
         };
-        let uploads_bits = record.flights.iter().map(|flight| {
-            let served = flight.served_links().iter().map(|link| link.sensor as usize);
+        let uploads_bits = record.uavs().map(|row| {
+            let served = row.flight.served_links().iter().map(|link| link.sensor as usize);
             served.map(&mut upload_bits).collect()
         });
         self.by_slot.push(uploads_bits.collect());

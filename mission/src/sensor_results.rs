@@ -112,7 +112,7 @@ impl Observer for SensorTally {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         let slot = record.slot();
         let has_answered = |link: &&LinkReport| plant.field().has_answered(link.sensor);
-        for link in uploads(&record.flights).filter(has_answered) {
+        for link in uploads(record.flights()).filter(has_answered) {
             self.0[link.sensor as usize].serve(slot);
         }
         for (sums, lost_bits) in self.0.iter_mut().zip(plant.field().lost_bits()) {

@@ -195,7 +195,7 @@ impl SlotSink for SlotLog {
             self.compare(Extent::Quick)?;
             self.compared = Instant::now();
         }
-        let lines = self.trace.write(&record.flights, &record.header)?;
+        let lines = self.trace.write(record.flights(), &record.header)?;
         self.file.append(lines.as_bytes()).at(self.file.path())?;
         self.trace.chain();
         self.check.as_mut().map_or(Ok(()), |check| check.write(record.slot(), self.trace.value()))
@@ -210,7 +210,7 @@ fn folder_of(path: &Path) -> &Path {
 #[cfg(test)]
 mod tests {
     use skysink_common::message::Mode;
-    use skysink_common::slot_record::{ByUav, Plans};
+    use skysink_common::slot_record::ByUav;
 
     use super::*;
 
@@ -220,12 +220,8 @@ mod tests {
         let file = WrittenFile::new(path, File::options().write(true).open(path).unwrap());
         let trace = TraceHash::default();
         let mut log = SlotLog { file, columns: "", trace, check: None, inputs: Vec::new(), compared: Instant::now() };
-        let record = SlotRecord {
-            plans: Plans::from_buf([None]),
-            paths: ByUav::new(),
-            flights: ByUav::from_buf([FlightReport::at([1.0, 2.0, 20.0], Mode::Hold)]),
-            header: QueuesHeader::default(),
-        };
+        let flights = ByUav::from_buf([FlightReport::at([1.0, 2.0, 20.0], Mode::Hold)]);
+        let record = SlotRecord::unplanned(flights, QueuesHeader::default());
         let error = log.add(&record).unwrap_err();
         assert!(error.to_string().contains("/dev/full"), "{error}");
         assert_eq!((log.hash(), log.file.length()), (0, 0));

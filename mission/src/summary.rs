@@ -16,7 +16,7 @@ use skysink_common::nodes::{Airtime, Charges, Cohorts};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
+use skysink_common::slot_record::{ByUav, SlotRecord, UavSlot, uploads};
 use skysink_planner::settings::{ObjectiveWeights, PlanningObjective, Settings};
 
 use crate::drive::SlotSink;
@@ -225,9 +225,9 @@ impl Tally {
         let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
         let base = scenario.landing_base();
         let pad_wait_s = base.as_ref().filter(|base| !base.sites().is_empty()).map(|_| 0.0);
-        let full = |battery: Battery| EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
-        let full = Battery::of(scenario).map(full);
-        let energy: ByUav<EnergyUse> = full.iter().flat_map(|full| vec![*full; uavs]).collect();
+        let battery = Battery::of(scenario);
+        let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+        let energy = ByUav::from_elem(full, if battery.is_endless() { 0 } else { uavs });
         let summary = Summary {
             name: scenario.name.clone(),
             strategy: mode.external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone(),
@@ -409,13 +409,13 @@ impl SlotSink for Tally {
         }
         let losses = self.losses.as_ref();
         let has_answered = |sensor: u32| losses.is_none_or(|losses| losses.ledger.has_answered(sensor));
-        for link in uploads(&record.flights).filter(|link| has_answered(link.sensor)) {
+        for link in uploads(record.flights()).filter(|link| has_answered(link.sensor)) {
             self.served += 1;
             self.gaps.serve(link.sensor as usize, self.summary.slots);
         }
-        for (uav, (plan, flight)) in record.plans.iter().zip(&record.flights).enumerate() {
+        for UavSlot { uav, plan, flight, .. } in record.uavs() {
             self.add_flight(uav, flight);
-            if let Some(plan) = plan.as_ref().filter(|_| !is_late(flight)) {
+            if let Some(plan) = plan.filter(|_| !is_late(flight)) {
                 self.summary.solver_fallbacks += u64::from(plan.solver == SolverOutcome::Fallback as u32);
                 self.plan_ns.saturating_record(plan.plan_ns);
             }
@@ -424,7 +424,7 @@ impl SlotSink for Tally {
             base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down
         };
         let base = self.base.as_ref();
-        self.summary.landed = base.map(|base| record.flights.iter().all(|flight| has_landed(flight, base)));
+        self.summary.landed = base.map(|base| record.uavs().all(|row| has_landed(row.flight, base)));
         if !self.energy.is_empty() {
             self.summary.energy = Some(EnergyUse::sum(&self.energy));
         }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use nalgebra::Point3;
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader, SolverOutcome};
-use skysink_common::slot_record::{ByUav, SlotRecord};
+use skysink_common::slot_record::{ByUav, SlotRecord, UavSlot};
 #[cfg(doc)]
 use skysink_flight_sim::Flight;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
@@ -60,7 +60,7 @@ impl TraceHash {
 
 impl SlotSink for TraceHash {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
-        self.write(&record.flights, &record.header)?;
+        self.write(record.flights(), &record.header)?;
         self.chain();
         Ok(())
     }
@@ -122,7 +122,7 @@ impl RecordedSlot {
     #[must_use]
     pub fn by_uav(record: &SlotRecord) -> ByUav<Self> {
         let QueuesHeader { delivered_bits, lost_bits, totals, .. } = record.header;
-        let recorded = |(uav, flight): (usize, &FlightReport)| Self {
+        let recorded = |UavSlot { uav, flight, .. }: UavSlot<'_>| Self {
             slot: record.slot(),
             uav,
             position: flight.position(),
@@ -134,7 +134,7 @@ impl RecordedSlot {
             refused: flight.refused,
             energy_j: flight.energy_j,
         };
-        record.flights.iter().enumerate().map(recorded).collect()
+        record.uavs().map(recorded).collect()
     }
 
     /// Parses a line of `slots.csv`, with its newline; `None` if it is malformed.

@@ -42,8 +42,8 @@ pub struct MissionTable {
     is_hidden: Arc<[bool]>,
     /// Whether the SN is known to be dead or without airtime, and whether dead, by id; empty where none may be.
     is_out: Arc<[[bool; 2]]>,
-    /// The way home; `None` if the UAV need not come back.
-    pub home: Option<Home>,
+    /// Where the UAV has to come home to, if it has to.
+    pub home: Home,
     /// Found when they are first asked for; clones share them.
     turns: Arc<OnceLock<Arc<Turns>>>,
 }
@@ -143,7 +143,7 @@ impl MissionTable {
 
     /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
     pub fn is_home(&self, ground: &Position) -> bool {
-        self.home.as_ref().is_none_or(|home| home.base.contains(ground))
+        self.home.contains(ground)
     }
 
     /// The SNs that can be served, by id.

@@ -203,15 +203,15 @@ impl Planner {
         self.path.clear();
         self.path.push(decision.waypoint);
         let most = MAX_PATH_POINTS - 1;
-        match (mode, &table.home) {
+        match mode {
             _ if table.track.is_some() => {
                 let later = table.track.iter().flat_map(|track| track.iter()).skip(slot as usize).take(most);
                 self.path.extend(later.map(|at| Point3::from(*at)));
             }
-            (Mode::Serve, _) => self.path.extend(strategy.path().iter().take(most)),
-            (Mode::Return, Some(home)) => {
+            Mode::Serve => self.path.extend(strategy.path().iter().take(most)),
+            Mode::Return => {
                 let from = decision.waypoint.xy();
-                let route = home.route(slot, &from).filter(|route| route.slots() > 0);
+                let route = table.home.route(slot, &from).filter(|route| route.slots() > 0);
                 let path = route.map(|route| table.airspace.way(&from, &route.end())).unwrap_or_default();
                 self.path.extend(path.iter().take(most).map(|bend| above(bend, decision.waypoint.z)));
             }

@@ -78,9 +78,9 @@ fn check_landing(scenario: &Scenario) -> Result<(), InputError> {
     }
     let airspace = Arc::new(scenario.airspace());
     let BatteryState { energy_j, .. } = BatteryState::initial(scenario);
-    let is_far = |(home, start): &(Home, Position)| !home.base.contains(start) && !home.is_in_reach(0, energy_j, start);
-    let homes = (0..scenario.uav.uavs())
-        .filter_map(|uav| Some((Home::of(&scenario.of_uav(uav), &airspace)?, scenario.start_of(uav).xy())));
+    let is_far = |(home, start): &(Home, Position)| !home.contains(start) && !home.is_in_reach(0, energy_j, start);
+    let homes =
+        (0..scenario.uav.uavs()).map(|uav| (Home::of(&scenario.of_uav(uav), &airspace), scenario.start_of(uav).xy()));
     let Some((home, start)) = homes.into_iter().find(is_far) else { return Ok(()) };
     let expected = if home.is_in_reach(0, f64::INFINITY, &start) {
         "an energy at the start that reaches the base and leaves the reserve (uav.battery)"

@@ -175,9 +175,8 @@ impl<'a> View<'a> {
     /// ([`Home::pad_waits`](crate::route::home::Home::pad_waits)), as far as others tell where they are; empty if none
     /// makes it wait.
     pub fn pad_waits(&self) -> Vec<u64> {
-        let Some(home) = &self.table.home else { return Vec::new() };
         let (uav, flights) = self.neighbours.map_or((0, &[][..]), |neighbours| (neighbours.uav, neighbours.flights));
-        home.pad_waits(self.slot, uav, flights)
+        self.table.home.pad_waits(self.slot, uav, flights)
     }
 
     /// Horizontal position of the UAV.

@@ -118,7 +118,7 @@ impl Episode {
     pub fn action_mask(&self) -> Vec<bool> {
         let choices = self.choices();
         let mut mask: Vec<bool> = choices.iter().map(|&id| self.reaches(id)).collect();
-        if self.field.home.is_none() && self.field.airspace.is_open() {
+        if self.field.home.way().is_none() && self.field.airspace.is_open() {
             return some(mask);
         }
         let returns: Vec<bool> = choices.iter().map(|&id| self.returns_from(id)).collect();

@@ -293,7 +293,7 @@ impl PyField {
     /// The base that the UAV has to come back to; None if it need not.
     #[getter]
     fn base(&self) -> Option<PyBase> {
-        self.data.home.as_ref().map(|home| PyBase(home.base.clone()))
+        self.data.home.way().map(|way| PyBase(way.base.clone()))
     }
 
     /// Slots of a move on a grid; 1 without one.

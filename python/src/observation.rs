@@ -173,15 +173,15 @@ fn energy(episode: &Episode, numbers: &mut [f32]) {
 
 /// Energy [J] as a fraction of the battery's capacity, from −1; 1 without a battery.
 fn of_capacity(episode: &Episode, energy_j: f64) -> f32 {
-    let battery = episode.field.home.as_ref().and_then(|home| home.battery);
-    battery.map_or(1.0, |battery| (energy_j / battery.capacity_j).clamp(-1.0, 1.0) as f32)
+    let battery = episode.field.motion.battery();
+    if battery.is_endless() { 1.0 } else { (energy_j / battery.capacity_j).clamp(-1.0, 1.0) as f32 }
 }
 
 /// The end of the way home from the UAV, x and y as fractions of the area; the length of the way as a fraction of the
 /// longer side; the energy beyond it and the reserve as a fraction of the capacity, or −1 if it takes too long. Zeros
 /// and 1 where the UAV need not come home.
 fn home(episode: &Episode, numbers: &mut [f32]) {
-    let Some(home) = &episode.field.home else {
+    let Some(home) = episode.field.home.way() else {
         numbers.copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
         return;
     };
@@ -389,7 +389,7 @@ impl Episode {
         let Some(route) = field.route_into(&from, sensor, field.limits.comm_radius_m) else { return false };
         let after = self.plant.slot() + u64::from(route.slots()).max(1);
         let energy_j = flight.energy_j - route.energy_j();
-        field.home.as_ref().is_none_or(|home| home.is_in_reach(after, energy_j, &route.end()))
+        field.home.is_in_reach(after, energy_j, &route.end())
     }
 
     /// Whether the UAV reaches sensor node `id` in one slot, and does not know that it cannot be served.

@@ -288,7 +288,7 @@ impl PyRun {
         let mut trace = String::new();
         let mut lines = TraceHash::default();
         let mut add_lines = EachSlot(|record: &SlotRecord, _: &Plant| {
-            trace.push_str(lines.write(&record.flights, &record.header)?);
+            trace.push_str(lines.write(record.flights(), &record.header)?);
             Ok(())
         });
         slf.py().detach(|| run.fly_again(&mut add_lines)).map_err(of_mission)?;

@@ -63,8 +63,9 @@ impl PyView {
             None => new_object(known_bps.bind(py))?,
         };
         let belief = PyBelief::of(py, view, &queues_bits, &sampling_bps, contacts)?;
-        let home = view.table.home.as_ref();
-        let (after, ground) = (view.slot - 1, view.ground());
+        let home = &view.table.home;
+        let after = view.slot - 1;
+        let ground = view.ground();
         Ok(Self {
             slot: view.slot,
             uav: read_only([view.position.x, view.position.y, view.position.z].to_pyarray(py))?.unbind(),
@@ -75,8 +76,8 @@ impl PyView {
             links: view.links.map(|links| snrs_db(py, view, links)).transpose()?,
             energy_j: view.battery.energy_j,
             is_charging: view.battery.is_charging,
-            energy_left_home_j: home.map_or(f64::INFINITY, |home| home.margin_j(after, view.battery.energy_j, &ground)),
-            slots_left_home: home.and_then(|home| home.spare_slots(after, &ground)),
+            energy_left_home_j: home.margin_j(after, view.battery.energy_j, &ground),
+            slots_left_home: home.spare_slots(after, &ground),
             neighbours: view.neighbours.map(|neighbours| PyNeighbours::of(py, neighbours)).transpose()?,
         })
     }

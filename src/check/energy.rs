@@ -73,7 +73,7 @@ fn charging_s(scenario: &Scenario, battery: &Battery, site: Option<&BaseSite>) -
 impl EnergyFigures {
     /// Of a scenario; `None` if its UAV need not come back.
     pub fn of(scenario: &Scenario, sensors: &Sensors) -> Option<Self> {
-        let battery = Battery::of(scenario);
+        let battery = Battery::finite(scenario);
         let base = scenario.landing_base().filter(|_| battery.is_some() || scenario.must_land())?;
         let reach_m = scenario.reach_m();
         let usable = |battery: &Battery| battery.capacity_j - battery.reserve_j;
@@ -152,8 +152,8 @@ impl EnergyFigures {
 /// Whether `battery` does not last for the way home from the start of a UAV.
 fn is_stranded(scenario: &Scenario, battery: &Battery) -> bool {
     let home = Home::of(scenario, &Arc::new(scenario.airspace()));
-    let margin_j = |home: &Home, uav: usize| home.margin_j(0, battery.initial_j, &scenario.start_of(uav).xy());
-    home.is_some_and(|home| (0..scenario.uav.uavs()).any(|uav| margin_j(&home, uav) < 0.0))
+    let margin_j = |uav: usize| home.margin_j(0, battery.initial_j, &scenario.start_of(uav).xy());
+    (0..scenario.uav.uavs()).any(|uav| margin_j(uav) < 0.0)
 }
 
 #[cfg(test)]

@@ -72,7 +72,7 @@ struct FirstRound {
 
 impl SlotSink for FirstRound {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
-        for link in uploads(&record.flights) {
+        for link in uploads(record.flights()) {
             self.unserved -= usize::from(!std::mem::replace(&mut self.is_served[link.sensor as usize], true));
         }
         if self.unserved == 0 {

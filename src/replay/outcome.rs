@@ -123,8 +123,8 @@ impl SlotSink for Replayed<'_> {
             return Err(Error::ReplayDiverged(record.slot()).into());
         };
         self.trace.add(record)?;
-        self.compare(&recorded[UAV], record.plans[UAV].as_ref()).at(&self.path)?;
-        self.flight.restore(&record.flights[UAV]);
+        self.compare(&recorded[UAV], record.plans()[UAV].as_ref()).at(&self.path)?;
+        self.flight.restore(&record.flights()[UAV]);
         Ok(())
     }
 }

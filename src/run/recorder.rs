@@ -7,7 +7,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{Commit, FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
+use skysink_common::slot_record::{ByUav, Plans, SlotRecord, UAV};
 use skysink_mission::drive::SlotSink;
 use skysink_mission::latency::SlotTimes;
 use skysink_mission::slot_log::SlotLog;
@@ -182,12 +182,11 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 flight_ns: flight_head.sent_ns,
                 queues_ns: header.head.sent_ns,
             };
-            let record = SlotRecord {
-                plans: (0..flights.len()).map(|uav| plan.as_ref().map(|(_, plans)| plans[uav])).collect(),
-                paths: ByUav::from_elem(Vec::new(), flights.len()),
-                flights,
-                header,
-            };
+            let mut record = SlotRecord::unplanned(flights, header);
+            if let Some((_, plans)) = plan {
+                let plans: Plans = plans.into_iter().map(Some).collect();
+                record.begin(&plans);
+            }
             trace.add(&record)?;
             tally.add(&record)?;
             if is_local {
@@ -195,7 +194,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             }
             tally.set_refused_messages(self.ring.refusals.total());
             self.commit(slot, trace.hash())?;
-            let held_for = (record.flights[UAV].hold == HoldReason::NoPlan as u32).then_some(late);
+            let held_for = (record.flights()[UAV].hold == HoldReason::NoPlan as u32).then_some(late);
             if let Some(event) = self.plan_watch.as_mut().and_then(|watch| watch.count(held_for, Instant::now())) {
                 self.supervise(tally, Some(event), supervise)?;
             }

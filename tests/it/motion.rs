@@ -52,7 +52,7 @@ fn every_strategy_stays_in_reach_in_every_motion_model_and_respects_the_bound() 
                 let from = mission.plant().flight(0).position();
                 let plan = mission.plan();
                 let record = mission.fly(Some(&plan));
-                let flight = &record.flights[0];
+                let flight = &record.flights()[0];
                 assert!(within(&from.xy(), &plan.waypoint().xy(), scenario.reach_m()), "{case}: {plan:?}");
                 assert_eq!(
                     (flight.hold, flight.mode == Mode::Hold as u32),
@@ -88,7 +88,7 @@ fn a_flight_with_wind_respects_its_bound() {
     for x_m in [75.0, 80.0, 85.0] {
         plan.x_m = x_m;
         mission.plan();
-        assert_eq!(mission.fly(Some(&plan)).flights[0].served, 1, "to {x_m}");
+        assert_eq!(mission.fly(Some(&plan)).flights()[0].served, 1, "to {x_m}");
     }
     assert_eq!(mission.header().totals.lost_bits, 0);
     let bound = mission_bound(&scenario, &Sensors::of(&scenario, &list.nodes()), &list.queues_bits(), u64::MAX);

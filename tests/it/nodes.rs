@@ -58,8 +58,8 @@ fn alone(scenario: &Scenario, out: &Path) -> Flown {
         let flown = mission.next()?;
         log.add(&flown).unwrap();
         assert!(flown.header.totals.is_balanced(), "{flown:?}");
-        let paths: Vec<_> = flown.paths.iter().filter(|path| path.len() > 1).flatten().copied().collect();
-        Some((flown.plans[UAV]?, Some(paths).filter(|paths| !paths.is_empty())))
+        let paths: Vec<_> = flown.uavs().map(|row| row.path).filter(|path| path.len() > 1).flatten().copied().collect();
+        Some((flown.plans()[UAV]?, Some(paths).filter(|paths| !paths.is_empty())))
     };
     let planned = std::iter::from_fn(fly).collect();
     (fs::read_to_string(out.join("slots.csv")).unwrap(), planned, mission.header().totals.queued_bits)

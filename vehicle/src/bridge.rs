@@ -157,7 +157,7 @@ impl Bridge {
     ) -> Self {
         let mut fleet = Fleet::new(scenario, sensors);
         fleet.restore(reports);
-        let battery = Battery::of(scenario);
+        let battery = Battery::finite(scenario);
         let altitude_m = scenario.uav.fixed_altitude_m();
         // Where the vehicle stood, it climbs.
         let in_range_m =

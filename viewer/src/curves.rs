@@ -112,8 +112,8 @@ impl Curves {
             }
         }
         if let Some(capacity_j) = self.capacity_j {
-            for (uav, flight) in view.flights.iter().enumerate() {
-                canvas.append(name_of(BATTERY, uav), &Scalars::single(100.0 * flight.energy_j / capacity_j))?;
+            for row in view.uavs() {
+                canvas.append(name_of(BATTERY, row.uav), &Scalars::single(100.0 * row.flight.energy_j / capacity_j))?;
             }
         }
         if let Some(sampled_bits) = sampled_bits {

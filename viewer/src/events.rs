@@ -5,6 +5,7 @@ use re_sdk_types::archetypes::{Scalars, StateChange, StateConfiguration, TextLog
 use re_sdk_types::components::{MarkerShape, TextLogLevel};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::UavSlot;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
@@ -81,7 +82,7 @@ impl Events {
     /// Logs the events of a slot, and the states of the UAVs that have changed.
     pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         self.log_due(canvas)?;
-        for (uav, flight) in view.flights.iter().enumerate() {
+        for UavSlot { uav, plan, flight, .. } in view.uavs() {
             if view.slot > 0 {
                 self.enter(canvas, uav, flight.flown_mode().into())?;
             }
@@ -102,7 +103,6 @@ impl Events {
             if flight.refused > 0 {
                 warn(&format!("{} of the plan's requests refused", flight.refused))?;
             }
-            let plan = view.plans.get(uav).and_then(Option::as_ref);
             if plan.is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
                 warn("waypoint by the geometric solver, as a fallback")?;
             }

@@ -8,7 +8,6 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{LineStrips3D, Points3D};
 use re_sdk_types::components::Radius;
 use skysink_common::message::{MAX_PATH_POINTS, PathPoint};
-use skysink_common::slot_record::UAV;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -64,10 +63,14 @@ impl Path {
         Ok(Self { begun, others_begun: begun && uavs > 1, step_m: 0.2 * sizes.layer_m })
     }
 
-    /// Shows the paths of a slot. A single point is only the waypoint of the slot, and not shown.
-    pub(crate) fn log(&mut self, canvas: &Canvas, paths: &[PathPoint]) -> RecordingStreamResult<()> {
-        let (path, others) = paths.split_at(paths.partition_point(|point| point.uav as usize == UAV));
-        self.log_others(canvas, others)?;
+    /// Shows the paths of a slot, UAV by UAV. A single point is only the waypoint of the slot, and not shown.
+    pub(crate) fn log<'a>(
+        &mut self,
+        canvas: &Canvas,
+        mut paths: impl Iterator<Item = &'a [PathPoint]>,
+    ) -> RecordingStreamResult<()> {
+        let path = paths.next().unwrap_or_default();
+        self.log_others(canvas, paths)?;
         self.begun |= path.len() > 1;
         if !self.begun {
             return Ok(());
@@ -84,8 +87,12 @@ impl Path {
     }
 
     /// Shows the paths of the other UAVs.
-    fn log_others(&mut self, canvas: &Canvas, points: &[PathPoint]) -> RecordingStreamResult<()> {
-        let paths: Vec<_> = points.chunk_by(|a, b| a.uav == b.uav).filter(|path| path.len() > 1).collect();
+    fn log_others<'a>(
+        &mut self,
+        canvas: &Canvas,
+        paths: impl Iterator<Item = &'a [PathPoint]>,
+    ) -> RecordingStreamResult<()> {
+        let paths: Vec<_> = paths.filter(|path| path.len() > 1).collect();
         self.others_begun |= !paths.is_empty();
         if !self.others_begun {
             return Ok(());

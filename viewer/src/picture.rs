@@ -141,7 +141,7 @@ impl Picture {
         belief.for_each(|belief| belief.observe(&self.history, view.slot, view.queues_bits, view.flights));
         self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
         self.history.credit(view.flights);
-        self.uavs.iter_mut().zip(view.flights).for_each(|(uav, flight)| uav.observe(flight));
+        self.uavs.iter_mut().zip(view.uavs()).for_each(|(uav, row)| uav.observe(row.flight));
         self.geo.iter_mut().for_each(|geo| geo.observe(view.flights));
         Ok(self.events.log_slot(&self.canvas, view)?)
     }
@@ -159,16 +159,15 @@ impl Picture {
         let ground = view.flight().position().xy();
         self.maps.iter_mut().try_for_each(|maps| maps.log_slot(canvas, view.slot, &self.history, ground))?;
         let mut labels = Vec::new();
-        for (number, uav) in self.uavs.iter_mut().enumerate() {
-            let flight = &view.flights[number];
-            let label = self.readout.label(number, view.slot, flight, uav.flown_m());
-            uav.draw(canvas, flight, view.plans.get(number).and_then(Option::as_ref), &label)?;
+        for (uav, row) in self.uavs.iter_mut().zip(view.uavs()) {
+            let label = self.readout.label(row.uav, view.slot, row.flight, uav.flown_m());
+            uav.draw(canvas, row.flight, row.plan, &label)?;
             labels.push(label);
         }
         let places = view.flights.iter().map(|flight| self.sizes.on_map(&flight.position().xy()));
         uav::show_labels_above(canvas, places, &labels)?;
         self.geo.iter_mut().try_for_each(|geo| geo.draw(canvas))?;
-        self.path.log(canvas, view.paths)?;
+        self.path.log(canvas, view.uavs().map(|row| row.path))?;
         self.links.log_circles(canvas, view.plan())?;
         self.links.log_links(canvas, view.flights)?;
         self.links.log_heard(canvas, view.flights, view.heard)?;
@@ -185,7 +184,7 @@ impl Picture {
         let canvas = &self.canvas;
         self.uavs.iter_mut().try_for_each(|uav| uav.log_missed(canvas))?;
         self.geo.iter_mut().try_for_each(|geo| geo.log_flown(canvas))?;
-        self.path.log(canvas, &[])?;
+        self.path.log(canvas, std::iter::empty())?;
         self.links.log_circles(canvas, None)?;
         self.links.log_links(canvas, &[])?;
         self.links.log_heard(canvas, &[], &[])?;

@@ -2,7 +2,7 @@
 
 use skysink_common::message::{FlightReport, HeardLink, PathPoint, Plan, QueuesHeader};
 use skysink_common::nodes::NodeFeatures;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::{UAV, UavSlot};
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -45,6 +45,15 @@ pub struct SlotView<'a> {
 }
 
 impl SlotView<'_> {
+    /// What the slot left of each UAV, in the order of their numbers.
+    pub(crate) fn uavs(&self) -> impl ExactSizeIterator<Item = UavSlot<'_>> {
+        self.flights.iter().enumerate().map(|(uav, flight)| {
+            let first_of = |uav: usize| self.paths.partition_point(|point| (point.uav as usize) < uav);
+            let plan = self.plans.get(uav).and_then(Option::as_ref);
+            UavSlot { uav, plan, path: &self.paths[first_of(uav)..first_of(uav + 1)], flight }
+        })
+    }
+
     /// The flight of the first UAV.
     pub(crate) fn flight(&self) -> &FlightReport {
         &self.flights[UAV]

@@ -1,29 +1,34 @@
 //! Where a UAV may fly: an area without no-fly zones and buildings (decisions D14 to D16).
 //!
 //! The straight way of a slot must not enter the closed ground: the interior of what all zones, and the outside of the
-//! area, cover together. The shortest way between two points bends at corners of zones only: it is the shortest path in
-//! the graph of the corners that see each other. In an open field every way is straight. On a grid (decision D17a) ways
-//! lead from the middle of a cell to that of a neighbour.
+//! area, cover together (`ground.rs`). On it there is one kind of ways, a file each with its part of [`Ways`]: in an
+//! open field every way is straight; the shortest way between zones bends at their corners only; on a grid (decision
+//! D17a) ways lead from the middle of a cell to that of a neighbour.
 
 mod boxes;
+mod cells;
 mod contacts;
-mod graph;
-mod grid;
+mod corners;
+mod ground;
 mod polygon;
 mod simplify;
+mod straight;
+mod ways;
 
 use std::sync::Arc;
 
-pub use grid::{MAX_CELLS, cells_along};
+use enum_dispatch::enum_dispatch;
+
+pub use cells::{MAX_CELLS, cells_along};
 pub use polygon::{Bends, Polygon};
 pub use simplify::{KeptGround, simplify};
 
-use crate::geometry::{Position, distance_squared, length_m, within};
-use boxes::BoxIndex;
-use contacts::ZoneContacts;
-use graph::CornerGraph;
-use grid::CellGrid;
-use polygon::{ClosedZone, ROUNDING, nearest_between};
+use crate::geometry::Position;
+use cells::GridCells;
+use corners::BentWays;
+use ground::ClosedGround;
+use straight::Straight;
+use ways::Ways;
 
 /// Most corners of all zones and buildings of a scenario.
 pub const MAX_CORNERS: usize = 100_000;
@@ -34,33 +39,28 @@ pub const SIMPLIFIED_CORNERS: usize = 1_000;
 /// Most corners of all zones and buildings that ways lead around.
 pub const MAX_SIMPLIFIED_CORNERS: usize = 2_000;
 
-/// How far ways keep from the corners that they bend at, relative to the area.
-const CLEARANCE: f64 = 1e-8;
+/// The kinds of ways. Clones share what they have found.
+#[enum_dispatch(Ways)]
+#[derive(Debug, Clone, PartialEq)]
+enum AnyWays {
+    Straight(Straight),
+    Bent(Arc<BentWays>),
+    Cells(Arc<GridCells>),
+}
 
-/// Farther than any corner lies from the origin along an axis [m].
-const FARTHEST_M: f64 = 1e12;
+impl Default for AnyWays {
+    fn default() -> Self {
+        Self::Straight(Straight)
+    }
+}
 
 /// Where a UAV may fly.
 ///
 /// The default is open.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Airspace {
-    zones: Vec<ClosedZone>,
-    /// The zones by the boxes around them, but for a boundary.
-    index: BoxIndex,
-    contacts: ZoneContacts,
-    /// The lowest altitude of the UAV [m].
-    lowest_m: f64,
-    /// The north-east corner of the area.
-    corner: Position,
-    /// The longer side of the area [m].
-    extent_m: f64,
-    /// Clones share it.
-    graph: Arc<CornerGraph>,
-    /// Where the boundaries of zones that overlap cross [m].
-    crossings: Vec<Position>,
-    /// The grid that all ways lead along; clones share it.
-    grid: Option<Arc<CellGrid>>,
+    ground: ClosedGround,
+    ways: AnyWays,
 }
 
 impl Airspace {
@@ -68,152 +68,81 @@ impl Airspace {
     /// to their tops [m]. It checks single ways; all its ways are straight.
     #[must_use]
     pub fn new(sides_m: [f64; 2], lowest_m: f64, zones: impl Iterator<Item = (Polygon, f64)>) -> Self {
-        let extent_m = sides_m[0].max(sides_m[1]);
-        let mut zones: Vec<ClosedZone> = zones.map(|(polygon, top_m)| ClosedZone { polygon, top_m }).collect();
-        let mut contacts = ZoneContacts::default();
-        if !zones.is_empty() {
-            let [width_m, height_m] = sides_m;
-            let edge = Polygon::of(&[[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]], true);
-            zones.extend(edge.map(|polygon| ClosedZone { polygon, top_m: f64::INFINITY }));
-            contacts::close_gaps(&mut zones, extent_m);
-            contacts = ZoneContacts::of(&zones, extent_m, CLEARANCE * extent_m);
-            // Ways between two points of the area stay in it, if no gap at its edge is closed.
-            let is_on_edge = |at: &Position| [0.0, width_m].contains(&at.x) || [0.0, height_m].contains(&at.y);
-            if zones.last().is_some_and(|edge| edge.polygon.corners().iter().all(is_on_edge)) {
-                zones.pop();
-            }
-        }
-        let boxes = zones.iter().map(|zone| match zone.polygon.is_border() {
-            true => [-FARTHEST_M, FARTHEST_M].map(|side_m| Position::new(side_m, side_m)),
-            false => zone.polygon.extent(),
-        });
-        Self {
-            index: BoxIndex::new(boxes),
-            zones,
-            contacts,
-            lowest_m,
-            corner: Position::from(sides_m),
-            extent_m,
-            graph: Arc::default(),
-            crossings: Vec::new(),
-            grid: None,
-        }
+        Self { ground: ClosedGround::new(sides_m, lowest_m, zones), ways: AnyWays::default() }
     }
 
     /// The same with ways along a grid of cells of this side [m], with moves of `move_slots` slots, for a UAV that
     /// begins at `start` [m].
     #[must_use]
-    pub fn on_grid(mut self, cell_m: f64, move_slots: u64, start: &Position) -> Self {
-        let sides_m = [self.corner.x, self.corner.y];
-        let is_clear =
-            |from: &Position, to: &Position| self.contains(from) && self.contains(to) && self.is_clear(from, to);
-        let grid = CellGrid::new(sides_m, cell_m, move_slots, start, is_clear);
-        self.grid = Some(Arc::new(grid));
-        self
-    }
-
-    /// Whether all ways lead along a grid.
-    pub fn has_grid(&self) -> bool {
-        self.grid.is_some()
-    }
-
-    /// Slots of a move to a neighbouring cell of the grid; 1 without one.
-    pub fn move_slots(&self) -> u64 {
-        self.grid.as_ref().map_or(1, |grid| grid.move_slots())
-    }
-
-    /// The middles of the cells of the grid that a way leads to from the start [m]; none without a grid.
-    pub fn cells(&self) -> impl Iterator<Item = Position> {
-        self.grid.iter().flat_map(|grid| grid.reached())
+    pub fn on_grid(self, cell_m: f64, move_slots: u64, start: &Position) -> Self {
+        let cells = GridCells::over(&self.ground, cell_m, move_slots, start);
+        Self { ways: Arc::new(cells).into(), ..self }
     }
 
     /// The same with ways around zones, for a UAV that begins at `start` [m].
     #[must_use]
-    pub fn with_ways(mut self, start: &Position) -> Self {
-        self.graph = Arc::new(CornerGraph::of(&self, start));
-        let polygons: Vec<&Polygon> = self.polygons().collect();
-        let pairs = (1..polygons.len()).flat_map(|second| (0..second).map(move |first| [first, second]));
-        self.crossings = pairs.flat_map(|[first, second]| polygons[first].crossings(polygons[second])).collect();
-        self
+    pub fn with_ways(self, start: &Position) -> Self {
+        if self.ground.is_open() {
+            return self;
+        }
+        let bent = BentWays::of(&self.ground, start);
+        Self { ways: Arc::new(bent).into(), ..self }
+    }
+
+    /// Whether all ways lead along a grid.
+    #[inline]
+    pub fn has_grid(&self) -> bool {
+        matches!(self.ways, AnyWays::Cells(_))
+    }
+
+    /// Slots of a move to a neighbouring cell of the grid; 1 without one.
+    pub fn move_slots(&self) -> u64 {
+        self.ways.move_slots()
+    }
+
+    /// The middles of the cells of the grid that a way leads to from the start [m]; none without a grid.
+    pub fn cells(&self) -> impl Iterator<Item = Position> {
+        self.ways.reached().into_iter()
     }
 
     /// Whether all ways are straight.
     #[inline]
     pub fn is_open(&self) -> bool {
-        self.zones.is_empty() && self.grid.is_none()
+        self.ground.is_open() && !self.has_grid()
     }
 
     /// Its zones that rise above the altitude `z_m` [m].
     pub fn zones_above(&self, z_m: f64) -> impl Iterator<Item = &Polygon> {
-        self.zones.iter().filter(move |zone| zone.top_m > z_m).map(|zone| &zone.polygon)
+        self.ground.zones_above(z_m)
     }
 
     /// The middles of the cells that a move leads to from the middle of one, at `at` [m]; none elsewhere, and without a
     /// grid.
     pub fn neighbours(&self, at: &Position) -> Vec<Position> {
-        self.grid.as_ref().map_or_else(Vec::new, |grid| grid.neighbouring(at))
-    }
-
-    /// Zones at the lowest altitude.
-    fn polygons(&self) -> impl Iterator<Item = &Polygon> {
-        self.zones_above(self.lowest_m)
-    }
-
-    /// How far a way keeps from corners [m].
-    fn clearance_m(&self) -> f64 {
-        CLEARANCE * self.extent_m
-    }
-
-    /// Zones that rise above the altitude `z_m` [m], and may be met on the straight way.
-    fn zones_near(&self, from: &Position, to: &Position, z_m: f64) -> impl Iterator<Item = &ClosedZone> {
-        let near = self.index.near(from, to, self.clearance_m()).map(|number| &self.zones[number]);
-        near.filter(move |zone| zone.top_m > z_m)
+        self.ways.neighbouring(at)
     }
 
     /// Whether `point` [m] lies in the area, and not in closed ground.
     pub fn contains(&self, point: &Position) -> bool {
-        let is_in_area = Position::origin() <= *point && *point <= self.corner;
-        let slack_m = ROUNDING * self.extent_m;
-        is_in_area
-            && self.zones_near(point, point, self.lowest_m).all(|zone| !zone.polygon.forbids(point, slack_m))
-            && !self.contacts.forbid(point, self.lowest_m)
+        self.ground.contains(point)
     }
 
     /// Whether the straight way enters no zone, and on a grid leads along a line of it, within a move. A way that
     /// begins in a zone may leave it.
     #[inline]
     pub fn is_free(&self, from: &Position, to: &Position) -> bool {
-        match &self.grid {
-            Some(grid) => grid.is_free(from, to),
-            None => self.is_clear(from, to),
-        }
+        self.is_open() || self.ways.is_free(&self.ground, from, to)
     }
 
     /// Whether a straight way from `from` to `to` [m] keeps to the grid; always without one.
     pub fn is_move(&self, from: &Position, to: &Position) -> bool {
-        self.grid.as_ref().is_none_or(|grid| grid.is_free(from, to))
-    }
-
-    /// Whether the straight way enters no zone, wherever it leads.
-    fn is_clear(&self, from: &Position, to: &Position) -> bool {
-        if self.zones.is_empty() {
-            return true;
-        }
-        let slack_m = ROUNDING * self.extent_m;
-        let mut zones = self.zones_near(from, to, self.lowest_m);
-        zones.all(|zone| zone.polygon.entry(from, to, slack_m, true).is_none())
-            && self.contacts.entry(from, to, self.lowest_m, slack_m).is_none()
+        self.ways.is_move(from, to)
     }
 
     /// The fraction of the straight way from `from` to `to` [m] at which it enters closed ground, by more than
     /// `slack_m` [m], between the altitudes `z_m` [m] at its ends; `None` if it enters none.
     pub fn entry(&self, from: &Position, to: &Position, z_m: [f64; 2], slack_m: f64) -> Option<f64> {
-        let [from_m, to_m] = z_m;
-        let z_m = from_m.min(to_m);
-        // From above a building the way leads into it, not out of it.
-        let of_zone = |zone: &ClosedZone| zone.polygon.entry(from, to, slack_m, zone.top_m > from_m);
-        let entries = self.zones_near(from, to, z_m).filter_map(of_zone);
-        entries.chain(self.contacts.entry(from, to, z_m, slack_m)).min_by(f64::total_cmp)
+        self.ground.entry(from, to, z_m, slack_m)
     }
 
     /// The farthest point of the straight way from `from` to `to` [m] before it enters a zone, between the
@@ -222,122 +151,38 @@ impl Airspace {
         if !self.is_move(from, to) {
             return *from;
         }
-        let Some(fraction) = self.entry(from, to, z_m, ROUNDING * self.extent_m) else { return *to };
+        let Some(fraction) = self.entry(from, to, z_m, self.ground.slack_m()) else { return *to };
         let along = to - from;
-        let before = fraction - self.clearance_m() / along.norm();
+        let before = fraction - self.ground.clearance_m() / along.norm();
         from + along * before.max(0.0)
     }
 
     /// The point that a UAV which comes from the start can fly to, nearest to `point` [m]: the point itself, or beside
     /// the zone that it lies in.
     pub fn nearest(&self, point: &Position) -> Position {
-        if self.is_open() {
-            return *point;
-        }
-        let find = || if self.is_reachable(point) { *point } else { self.find_nearest(point) };
-        match &self.grid {
-            Some(grid) if !grid.is_reachable(point) => grid.nearest(point).unwrap_or(*point),
-            Some(_) => *point,
-            None => self.graph.nearest(point, find),
-        }
-    }
-
-    /// The point beside zones that is nearest to `point` [m], which is not reachable.
-    fn find_nearest(&self, point: &Position) -> Position {
-        let projections = self.polygons().flat_map(|polygon| polygon.projections(point));
-        let rims = projections.chain(self.crossings.iter().copied()).map(|rim| (rim, true));
-        let mut beside: Vec<(Position, bool)> = rims.chain(self.contacts.beside().map(|rim| (rim, false))).collect();
-        beside.sort_by(|a, b| distance_squared(&a.0, point).total_cmp(&distance_squared(&b.0, point)));
-        let outward = |&(projected, is_rim): &(Position, bool)| {
-            let away = projected - point;
-            let clearance_m = if is_rim { self.clearance_m() } else { 0.0 };
-            // To either side of the edge; one of them is free.
-            [1.0, -1.0].map(|side| projected + away.try_normalize(0.0).unwrap_or_default() * (side * clearance_m))
-        };
-        let free = beside.iter().flat_map(outward).find(|point| self.is_reachable(point));
-        free.unwrap_or_else(|| {
-            let nodes = self.graph.reachable(self);
-            let nearest = nodes.min_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
-            nearest.copied().unwrap_or(self.graph.start())
-        })
+        if self.is_open() { *point } else { self.ways.nearest(&self.ground, point) }
     }
 
     /// Whether `point` [m] is free, and a way leads there from the start.
     pub fn is_reachable(&self, point: &Position) -> bool {
-        match &self.grid {
-            Some(grid) => grid.is_reachable(point),
-            None => self.is_open() || self.contains(point) && self.graph.reaches(self, point),
-        }
+        self.ways.is_reachable(&self.ground, point)
     }
 
     /// The shortest way from `from` to `to` [m]: its bends, and `to`; where `to` lies in a zone, the nearest point
     /// beside it. Empty if no way leads there.
     pub fn way(&self, from: &Position, to: &Position) -> Bends {
-        if self.is_free(from, to) {
-            return Bends::from_slice(&[*to]);
-        }
-        if let Some(grid) = &self.grid {
-            return grid.way(from, to);
-        }
-        let end = self.nearest(to);
-        let begin = if self.contains(from) { *from } else { self.nearest(from) };
-        let mut way = Bends::new();
-        if begin != *from {
-            way.push(begin);
-        }
-        if self.is_free(&begin, &end) {
-            way.push(end);
-            return way;
-        }
-        if !self.graph.connect(self, &begin, &end, &mut way) {
-            return Bends::new();
-        }
-        way.push(end);
-        // A bend that is already reached.
-        while way.len() > 1 && (way[0] - from).norm() <= self.clearance_m() && self.is_free(from, &way[1]) {
-            way.remove(0);
-        }
-        way
+        self.ways.way(&self.ground, from, to)
     }
 
     /// The shortest way from `from` to `to`, up to where it comes within `radius_m` [m] of `centre`; empty if it does
     /// not.
     pub fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
-        if let Some(grid) = &self.grid {
-            return grid.way_into(from, to, centre, radius_m);
-        }
-        let mut way = self.way(from, to);
-        let begins = std::iter::once(*from).chain(way.clone());
-        let entered =
-            begins.zip(&way).position(|(begin, end)| within(&nearest_between(centre, &begin, end), centre, radius_m));
-        let Some(piece) = entered else { return Bends::new() };
-        let begin = piece.checked_sub(1).map_or(*from, |before| way[before]);
-        way.truncate(piece + 1);
-        let along = way[piece] - begin;
-        let away = begin - centre;
-        // |away + t along| = radius, the first time; 0 if it begins within.
-        let (a, half_b) = (along.norm_squared(), along.dot(&away));
-        let c = away.norm_squared() - radius_m * radius_m;
-        if c <= 0.0 {
-            way[piece] = begin;
-        } else {
-            let root = (half_b * half_b - a * c).max(0.0).sqrt();
-            let fraction = c / (root - half_b);
-            way[piece] = if fraction < 1.0 { begin + along * fraction } else { way[piece] };
-        }
-        way
+        self.ways.way_into(&self.ground, from, to, centre, radius_m)
     }
 
     /// Length of the shortest way [m]; infinite if there is none.
     pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
-        if self.is_free(from, to) {
-            return (to - from).norm();
-        }
-        if let Some(grid) = &self.grid {
-            return grid.distance_m(from, to);
-        }
-        let way = self.way(from, to);
-        if way.is_empty() { f64::INFINITY } else { length_m(from, &way) }
+        self.ways.distance_m(&self.ground, from, to)
     }
 
     /// Lengths of the shortest ways between all `points` [m], by rows; infinite where there is none. A point in a zone
@@ -345,15 +190,10 @@ impl Airspace {
     pub fn distances_m(&self, points: &[Position]) -> Vec<f64> {
         let count = points.len();
         let points: Vec<Position> = points.iter().map(|point| self.nearest(point)).collect();
-        let between_m = |from: usize, to: usize| match &self.grid {
-            Some(grid) => grid.distance_m(&points[from], &points[to]),
-            None if self.is_clear(&points[from], &points[to]) => (points[to] - points[from]).norm(),
-            None => self.graph.shortest(self, &points[from], &points[to]).map_or(f64::INFINITY, |way| way.length_m),
-        };
         let mut lengths_m = vec![0.0; count * count];
         for from in 0..count {
             for to in from + 1..count {
-                let length_m = between_m(from, to);
+                let length_m = self.ways.between_m(&self.ground, &points[from], &points[to]);
                 lengths_m[from * count + to] = length_m;
                 lengths_m[to * count + from] = length_m;
             }
@@ -366,74 +206,47 @@ impl Airspace {
     /// begins in its turn.
     #[inline]
     pub fn slot_end(&self, slot: u64, from: &Position, to: &Position, reach_m: f64) -> Position {
-        match &self.grid {
-            Some(grid) => grid.slot_end(slot, from, to),
-            None if self.is_clear(from, to) => *to,
-            None => self.toward(from, to, reach_m),
-        }
+        if self.is_open() { *to } else { self.ways.slot_end(&self.ground, slot, from, to, reach_m) }
     }
 
     /// The end of `slot` of a UAV at `from` that is under way on a grid, or hovers until the next move may begin [m];
     /// `None` where it may be told a waypoint.
     pub fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
-        self.grid.as_ref().and_then(|grid| grid.under_way(slot, from))
+        self.ways.under_way(slot, from)
     }
 
     /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after
     /// them: on a grid a whole move.
     pub fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
-        self.grid.as_ref().map_or((1, *to), |grid| grid.committed(slot, from, to))
+        self.ways.committed(slot, from, to)
     }
 
     /// The end of a slot that flies up to `reach_m` [m] along the shortest way from `from` to `to`: the point at that
     /// length, or the first bend. Beyond a bend it flies straight on where that brings it nearer to the next one.
     pub fn toward(&self, from: &Position, to: &Position, reach_m: f64) -> Position {
-        let way = self.way(from, to);
-        if way.is_empty() { *from } else { self.step(from, &way, reach_m).0 }
+        self.ways.toward(&self.ground, from, to, reach_m)
     }
 
     /// The ends of the slots of [`Self::toward`] up to the end of the `way` from `from`, without those of its last
     /// straight part.
     pub fn bent_part(&self, from: &Position, way: &[Position], reach_m: f64) -> Vec<Position> {
         let mut ends = Vec::new();
-        let (mut at, mut rest) = (*from, way);
+        let mut at = *from;
+        let mut rest = way;
         while rest.len() > 1 {
-            let (end, passed) = self.step(&at, rest, reach_m);
+            let (end, passed) = self.ways.step(&self.ground, &at, rest, reach_m);
             at = end;
             rest = &rest[passed..];
             ends.push(end);
         }
         ends
     }
-
-    /// The end of a slot along `way`, which is not empty, and how many bends it has passed.
-    fn step(&self, from: &Position, way: &[Position], reach_m: f64) -> (Position, usize) {
-        let bend = way[0];
-        let along = bend - from;
-        let away_m = along.norm();
-        if let Some(grid) = &self.grid {
-            return grid.step(from, &bend, reach_m);
-        }
-        if away_m > reach_m {
-            return (from + along * (reach_m / away_m), 0);
-        }
-        let Some(next) = way.get(1) else { return (bend, 1) };
-        if away_m > 0.0 {
-            let along = along / away_m;
-            let on_m = along.dot(&(next - from)).min(reach_m);
-            let beyond = from + along * on_m;
-            let is_flown = self.contains(&beyond) && self.is_free(from, &beyond);
-            if on_m > away_m && is_flown && self.is_free(&beyond, next) {
-                return (beyond, 1);
-            }
-        }
-        (bend, 1)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::length_m;
     use crate::scenario::{Overrides, Scenario};
     use std::path::Path;
 

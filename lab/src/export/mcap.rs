@@ -63,7 +63,7 @@ const SLOT: LogTopic = LogTopic::new("/slot", "skysink_msgs/msg/Slot");
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let mut log = Log::new();
     let altitudes_m = track.altitudes_m();
-    let battery = Battery::of(&track.run.scenario);
+    let battery = Battery::finite(&track.run.scenario);
     let poses = track.points.iter().zip(track.attitudes());
     let poses: Vec<RosPose> = poses.map(|(point, attitude)| RosPose::new(&point.position, &attitude)).collect();
     let stamped =

@@ -225,7 +225,7 @@ impl MissionPlanner<'_> {
         }
         items.push(VehicleItem::Return);
         let motion = self.options.motion(&self.track.run.scenario);
-        let battery = Battery::of(&self.track.run.scenario);
+        let battery = Battery::finite(&self.track.run.scenario);
         let home = self.home();
         let effort = effort(&motion, home.xy(), take_off_m, &legs, battery.as_ref());
         let timeline = timeline(&motion, home.xy(), take_off_m, &legs);
@@ -241,7 +241,7 @@ impl MissionPlanner<'_> {
 fn check_effort(track: &GeodeticTrack<'_>, parts: &[MissionPart]) -> Result<(), InputError> {
     let scenario = &track.run.scenario;
     let endurance_s = scenario.endurance_s_of(track.uav).unwrap_or(scenario.uav.endurance_s);
-    let battery = Battery::of(scenario);
+    let battery = Battery::finite(scenario);
     let usable_j = battery.map_or(f64::INFINITY, |battery| battery.initial_j - battery.reserve_j);
     for (part, number) in parts.iter().zip(1..) {
         let MissionEffort { duration_s, energy_j } = part.effort;

@@ -55,7 +55,7 @@ fn the_energy_is_what_the_battery_has_given() {
     let text = "name = 'a'\nslots = 9\n[base]\ncharge_w = 200.0\n[uav.battery]\ncapacity_j = 5e4\nweight_n = 30.0\n";
     let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
     let mut metrics = MissionMeter::new(&scenario, &SensorList::of(&scenario).unwrap());
-    let battery = Battery::of(&scenario).unwrap();
+    let battery = Battery::of(&scenario);
     let mut at = metrics.uavs[0].position;
     let mut left_j = battery.initial_j;
     // A climb, a descent and a flight; what is charged after that is no flight.

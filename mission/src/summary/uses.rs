@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 use skysink_common::base::Base;
 use skysink_common::message::{FlightReport, Mode, Plan};
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{SlotRecord, UavSlot};
 use skysink_planner::operator_counts::OperatorCounts;
 
 use super::is_late;
@@ -42,9 +42,9 @@ impl FleetUse {
     /// Adds a slot.
     pub(super) fn add(&mut self, record: &SlotRecord, base: Option<&Base>) {
         let is_in_base = |flight: &FlightReport| base.is_some_and(|base| base.contains(&flight.position().xy()));
-        for (uav, flight) in record.flights.iter().enumerate() {
-            let lower = &record.flights[..uav];
-            let scheduled = record.plans[uav].iter().filter(|_| !is_late(flight)).flat_map(Plan::scheduled);
+        for UavSlot { uav, plan, flight, .. } in record.uavs() {
+            let lower = &record.flights()[..uav];
+            let scheduled = plan.filter(|_| !is_late(flight)).into_iter().flat_map(Plan::scheduled);
             let is_contended = |id: &&u32| lower.iter().any(|other| other.serves(**id));
             self.contended += scheduled.filter(is_contended).count() as u64;
             for other in lower.iter().filter(|other| !is_in_base(other) && !is_in_base(flight)) {

@@ -17,7 +17,7 @@ fn scenario(strategy: &'static str, keys: &str) -> Scenario {
 fn services(scenario: &Scenario) -> Vec<Vec<(u32, f64, u64)>> {
     let mission = Mission::new(scenario, &SensorList::of(scenario).unwrap()).unwrap();
     let of_slot = |record: SlotRecord| {
-        let links = record.flights.iter().flat_map(|flight| flight.served_links());
+        let links = record.flights().iter().flat_map(|flight| flight.served_links());
         links.map(|link| (link.sensor, link.rate_bps, link.capacity_bits)).collect()
     };
     mission.map(of_slot).collect()

@@ -54,7 +54,7 @@ impl Books {
     }
 
     fn add(&mut self, record: &SlotRecord, slot_s: f64) {
-        let (before, now) = (self.last, record.flights[UAV]);
+        let (before, now) = (self.last, record.flights()[UAV]);
         let moved_m = now.position() - before.position();
         let mode = now.flown_mode();
         let expected_j = if before.energy_j < 0.0 {
@@ -141,7 +141,7 @@ fn uavs_with_position_errors_reach_a_base_of_four_standard_deviations() {
         });
         let list = SensorList::of(&scenario).unwrap();
         let flights: Vec<FlightReport> =
-            Mission::new(&scenario, &list).unwrap().map(|record| record.flights[UAV]).collect();
+            Mission::new(&scenario, &list).unwrap().map(|record| record.flights()[UAV]).collect();
         assert!(flights.iter().all(|flight| flight.energy_j > 0.0), "{}", scenario.planner.strategy);
         charging += usize::from(flights.iter().any(|flight| flight.flown_mode() == Mode::Charge));
     }

@@ -35,14 +35,14 @@ fn lost_bits(records: &[SlotRecord]) -> u64 {
 
 /// The SNs that are served, with repetitions.
 fn served(record: &SlotRecord) -> Vec<u32> {
-    record.flights.iter().flat_map(|flight| flight.served_links()).map(|link| link.sensor).collect()
+    record.flights().iter().flat_map(|flight| flight.served_links()).map(|link| link.sensor).collect()
 }
 
 /// Scheduled SNs that a UAV of lower number has scheduled, too.
 fn contended(record: &SlotRecord) -> usize {
     let mut taken = BTreeSet::new();
     let mut count = 0;
-    for plan in record.plans.iter().flatten() {
+    for plan in record.plans().iter().flatten() {
         count += plan.scheduled().iter().filter(|id| taken.contains(*id)).count();
         taken.extend(plan.scheduled().to_vec());
     }
@@ -54,7 +54,7 @@ fn a_fleet_of_one_equals_a_single_uav() {
     for strategy in names() {
         let [alone, counted] = ["", "count = 1\n"].map(|uav| records(&scenario(strategy, 3, uav, "")));
         for (one, other) in alone.iter().zip(&counted) {
-            assert!(one.flights == other.flights && one.header == other.header, "{strategy}, slot {}", one.slot());
+            assert!(one.flights() == other.flights() && one.header == other.header, "{strategy}, slot {}", one.slot());
         }
     }
 }
@@ -69,15 +69,15 @@ fn no_sn_is_served_twice_in_a_slot_and_every_bit_is_counted() {
             let scenario = scenario(strategy, seed, &uav, "");
             for record in records(&scenario) {
                 let at = format!("{strategy}, {coordination}, slot {}", record.slot());
-                assert_eq!((record.flights.len(), record.plans.len()), (uavs, uavs), "{at}");
+                assert_eq!((record.flights().len(), record.plans().len()), (uavs, uavs), "{at}");
                 assert!(record.header.totals.is_balanced(), "{at}");
                 let served = served(&record);
                 assert_eq!(served.iter().collect::<BTreeSet<_>>().len(), served.len(), "{at}: {served:?}");
-                assert!(record.flights.iter().all(|flight| flight.hold == HoldReason::None as u32), "{at}");
-                assert!(record.flights.iter().all(|flight| flight.served <= 4), "{at}");
+                assert!(record.flights().iter().all(|flight| flight.hold == HoldReason::None as u32), "{at}");
+                assert!(record.flights().iter().all(|flight| flight.served <= 4), "{at}");
                 let contended = contended(&record);
                 assert!(contended == 0 || coordination == "independent", "{at}: {contended}");
-                let refused: u32 = record.flights.iter().map(|flight| flight.refused).sum();
+                let refused: u32 = record.flights().iter().map(|flight| flight.refused).sum();
                 assert_eq!(refused as usize, contended, "{at}");
                 shared += contended;
             }
@@ -161,12 +161,13 @@ fn planned_flights_keep_their_distance() {
             let scenario = scenario_of(&text, strategy);
             for record in records(&scenario) {
                 let at = format!("{strategy}, {coordination}, slot {}", record.slot());
-                let held = record.flights.iter().filter(|flight| flight.hold == HoldReason::Separation as u32).count();
+                let held =
+                    record.flights().iter().filter(|flight| flight.hold == HoldReason::Separation as u32).count();
                 assert!(held == 0 || coordination == "independent", "{at}");
                 near += held;
-                for (uav, flight) in record.flights.iter().enumerate() {
+                for (uav, flight) in record.flights().iter().enumerate() {
                     let is_near = |other: &FlightReport| (other.position() - flight.position()).norm() < 18.0 - 1e-9;
-                    assert!(!record.flights[..uav].iter().any(is_near) || coordination == "independent", "{at}");
+                    assert!(!record.flights()[..uav].iter().any(is_near) || coordination == "independent", "{at}");
                 }
             }
         }
@@ -189,9 +190,9 @@ fn uavs_with_separation_land_one_after_the_other() {
                 let records = records(&scenario);
                 let is_home = |flight: &FlightReport| base.contains(&flight.position().xy());
                 let at = format!("{strategy}, {coordination}, seed {seed}");
-                assert!(records.last().unwrap().flights.iter().all(is_home), "{at}");
+                assert!(records.last().unwrap().flights().iter().all(is_home), "{at}");
                 for record in &records {
-                    let [one, other] = [0, 1].map(|uav| &record.flights[uav]);
+                    let [one, other] = [0, 1].map(|uav| &record.flights()[uav]);
                     let away_m = (one.position() - other.position()).norm();
                     let is_apart = is_home(one) || is_home(other) || away_m >= 26.0 - 1e-9;
                     assert!(is_apart, "{at}, slot {}: {away_m}", record.slot());
@@ -209,7 +210,8 @@ fn moves_on_a_grid_keep_their_distance() {
     let held = |strategy: &'static str, coordination: &str| {
         let text = format!("{text}coordination = '{coordination}'\n");
         let scenario = scenario_of(&text, strategy);
-        let is_held = |record: &SlotRecord| record.flights.iter().any(|flight| flight.hold != HoldReason::None as u32);
+        let is_held =
+            |record: &SlotRecord| record.flights().iter().any(|flight| flight.hold != HoldReason::None as u32);
         records(&scenario).iter().filter(|record| is_held(record)).count()
     };
     for strategy in ["uts", "mes", "tour"] {
@@ -223,7 +225,7 @@ fn moves_on_a_grid_keep_their_distance() {
 fn fleets_share_a_base_where_no_other_is_in_reach() {
     let parse = |text: &str, strategy: &'static str| scenario_of(text, strategy);
     let held = |records: &[SlotRecord]| {
-        let flights = records.iter().flat_map(|record| &record.flights);
+        let flights = records.iter().flat_map(|record| record.flights());
         flights.filter(|flight| flight.hold != HoldReason::None as u32).count()
     };
     let leaving = |more: &str| {
@@ -238,9 +240,9 @@ fn fleets_share_a_base_where_no_other_is_in_reach() {
         let records = records(&scenario);
         assert_eq!(held(&records), 0, "{more}");
         let is_out = |flight: &FlightReport| !base.contains(&flight.position().xy());
-        let most = records.iter().map(|record| record.flights.iter().filter(|flight| is_out(flight)).count()).max();
+        let most = records.iter().map(|record| record.flights().iter().filter(|flight| is_out(flight)).count()).max();
         assert_eq!(most, Some(4), "{more}");
-        let lands = records.last().unwrap().flights.iter().all(|flight| !is_out(flight));
+        let lands = records.last().unwrap().flights().iter().all(|flight| !is_out(flight));
         assert!(lands || more.is_empty(), "{more}");
     }
     // One cell of the near base for two UAVs that keep a cell apart.
@@ -252,7 +254,7 @@ fn fleets_share_a_base_where_no_other_is_in_reach() {
     let scenario = parse(text, "horizon");
     let base = scenario.landing_base().unwrap();
     let records = records(&scenario);
-    let last = &records.last().unwrap().flights;
+    let last = records.last().unwrap().flights();
     assert!(last.iter().all(|flight| base.contains(&flight.position().xy()) && flight.energy_j > 0.0), "{last:?}");
 }
 
@@ -271,11 +273,11 @@ fn fleets_on_a_grid_share_no_cell_of_the_base_while_they_fly() {
         let records = records(&scenario);
         for record in &records {
             let flies = |flight: &&FlightReport| flight.mode != Mode::Charge as u32;
-            let flying: Vec<_> = record.flights.iter().filter(flies).map(|flight| flight.position()).collect();
+            let flying: Vec<_> = record.flights().iter().filter(flies).map(|flight| flight.position()).collect();
             let are_apart = |(uav, at): (usize, &Point3<f64>)| flying[..uav].iter().all(|it| (it - at).norm() > 7.0);
             assert!(flying.iter().enumerate().all(are_apart), "seed {seed}, slot {}: {flying:?}", record.slot());
         }
-        let last = &records.last().unwrap().flights;
+        let last = records.last().unwrap().flights();
         assert!(last.iter().all(|flight| base.contains(&flight.position().xy())), "seed {seed}: {last:?}");
     }
 }
@@ -301,7 +303,7 @@ fn plans_do_not_rely_on_a_uav_that_is_down() {
             let plans = planner.step(slot, &flights, plant.field().queues_bits());
             assert!(plans[0].scheduled().is_empty() && plans[0].waypoint() == flights[0].position(), "{strategy}");
             let record = plant.step(&[None, Some(plans[1])]);
-            near += record.flights[1].served_links().iter().filter(|link| is_near(link.sensor)).count();
+            near += record.flights()[1].served_links().iter().filter(|link| is_near(link.sensor)).count();
             flights = plant.flights().clone();
             planner.observe(slot, &flights, plant.field().queues_bits());
         }
@@ -322,7 +324,7 @@ fn tours_of_a_fleet_start_at_different_points() {
         let starts = if starts == "[]" { String::new() } else { format!("starts_m = {starts}\n") };
         let records = records(&scenario(strategy, 3, &format!("count = 2\n{starts}"), ""));
         let near = records[10..].iter().filter(|record| {
-            let [one, other] = [0, 1].map(|uav| record.flights[uav].position());
+            let [one, other] = [0, 1].map(|uav| record.flights()[uav].position());
             (one - other).norm() < 20.0
         });
         let most = if strategy == "tour" { 10 } else { records.len() / 10 }; // the ways of round-robin cross
@@ -347,13 +349,13 @@ fn each_uav_is_home_at_the_end_of_its_endurance_and_stays() {
                 let mut away = [0; 3];
                 for record in &records {
                     let at = format!("{strategy}, {coordination}, {more}slot {}", record.slot());
-                    for (uav, flight) in record.flights.iter().enumerate() {
+                    for (uav, flight) in record.flights().iter().enumerate() {
                         let is_home = base.contains(&flight.position().xy());
                         away[uav] += usize::from(!is_home);
                         if record.slot() >= [60, 130, 200][uav] {
                             assert!(is_home, "{at}, UAV {uav}: {flight:?}");
                         }
-                        let before = (record.slot() > 1).then(|| records[record.slot() as usize - 2].flights[uav]);
+                        let before = (record.slot() > 1).then(|| records[record.slot() as usize - 2].flights()[uav]);
                         let has_moved = before.is_some_and(|before| before.position() != flight.position());
                         if record.slot() > [60, 130, 200][uav] {
                             assert!(
@@ -402,10 +404,10 @@ fn plan(x_m: f64, ids: &[u32]) -> Option<Plan> {
 fn a_doubly_scheduled_sn_is_served_by_the_first_uav() {
     let (mut plant, _) = line("count = 3\nstarts_m = [[30, 50], [70, 50], [50, 50]]\n");
     let record = plant.step(&[plan(30.0, &[0]), plan(70.0, &[0, 1]), plan(50.0, &[0, 1])]);
-    let ids = |uav: usize| record.flights[uav].served_links().iter().map(|link| link.sensor).collect::<Vec<_>>();
+    let ids = |uav: usize| record.flights()[uav].served_links().iter().map(|link| link.sensor).collect::<Vec<_>>();
     assert_eq!([ids(0), ids(1), ids(2)], [vec![0], vec![1], vec![]]);
-    assert_eq!(record.flights.iter().map(|flight| flight.refused).collect::<Vec<_>>(), [0, 1, 2]);
-    assert_eq!(record.flights[2].flown_mode(), Mode::Fly, "it serves nobody");
+    assert_eq!(record.flights().iter().map(|flight| flight.refused).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(record.flights()[2].flown_mode(), Mode::Fly, "it serves nobody");
     assert_eq!((record.header.delivered_bits, record.header.totals.queued_bits), (3_000, 0));
 }
 
@@ -461,11 +463,11 @@ fn every_bit_is_counted_under_hostile_plans() {
             assert!(record.header.totals.is_balanced(), "trial {trial}, slot {slot}");
             let served = served(record);
             assert_eq!(served.iter().collect::<BTreeSet<_>>().len(), served.len(), "trial {trial}, slot {slot}");
-            assert_eq!(uploads(&record.flights).count(), served.len());
-            for (uav, flight) in record.flights.iter().enumerate() {
+            assert_eq!(uploads(record.flights()).count(), served.len());
+            for (uav, flight) in record.flights().iter().enumerate() {
                 let has_moved = flight.position() != before[uav].position();
                 let is_near = |other: &FlightReport| (other.position() - flight.position()).norm() < 12.0 - 1e-9;
-                assert!(!has_moved || !record.flights[..uav].iter().any(is_near), "trial {trial}, slot {slot}");
+                assert!(!has_moved || !record.flights()[..uav].iter().any(is_near), "trial {trial}, slot {slot}");
             }
         }
     }
@@ -511,7 +513,7 @@ fn a_restored_fleet_plans_as_before() {
                 let queues_bits = mission.plant().field().queues_bits();
                 again.observe(slot, flights, queues_bits);
                 let planned = again.step(slot + 1, flights, queues_bits);
-                for (plan, expected) in planned.iter().zip(next.plans.iter().flatten()) {
+                for (plan, expected) in planned.iter().zip(next.plans().iter().flatten()) {
                     let at = format!("{strategy}, {coordination}, slot {slot}");
                     assert_eq!(
                         (plan.waypoint(), plan.scheduled()),

@@ -73,7 +73,7 @@ fn assert_moves(start: Position, flights: &[FlightReport], n: usize) -> usize {
 
 fn fly(scenario: &Scenario) -> Vec<FlightReport> {
     let list = SensorList::of(scenario).unwrap();
-    Mission::new(scenario, &list).unwrap().map(|record| record.flights[UAV]).collect()
+    Mission::new(scenario, &list).unwrap().map(|record| record.flights()[UAV]).collect()
 }
 
 #[test]

@@ -42,7 +42,7 @@ fn the_snr_of_each_sn_in_the_beacon_radius_is_heard_and_carries_the_rate_of_its_
         let scenario = scenario(keys);
         let is_observed = keys.contains("observed");
         let list = SensorList::of(&scenario).unwrap();
-        let plans: Vec<Plans> = Mission::new(&scenario, &list).unwrap().map(|record| record.plans).collect();
+        let plans: Vec<Plans> = Mission::new(&scenario, &list).unwrap().map(|record| record.plans().clone()).collect();
         let mut plant = Plant::new(&scenario, &list);
         let mut served = 0;
         for plans in plans {

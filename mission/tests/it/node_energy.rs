@@ -58,7 +58,7 @@ fn no_strategy_schedules_a_sensor_node_that_is_known_to_be_dead() {
             let mut visits = std::collections::HashMap::<u32, u32>::new();
             let mut before = dead(mission.plant());
             while let Some(record) = mission.next() {
-                let scheduled = record.plans.iter().flatten().flat_map(|plan| plan.scheduled().to_vec());
+                let scheduled = record.plans().iter().flatten().flat_map(|plan| plan.scheduled().to_vec());
                 scheduled.filter(|id| before.contains(id)).for_each(|id| *visits.entry(id).or_default() += 1);
                 before = dead(mission.plant());
             }
@@ -125,14 +125,14 @@ fn a_restored_plant_continues_with_its_charges_and_airtimes_and_refuses_others()
         let mut mission = Mission::new(&scenario, &list).unwrap();
         let records: Vec<_> = mission.by_ref().collect();
         let mut plant = Plant::new(&scenario, &list);
-        records[..60].iter().for_each(|record| _ = plant.step(&record.plans));
+        records[..60].iter().for_each(|record| _ = plant.step(record.plans()));
         let mut bytes = Vec::new();
         plant.save(&mut bytes);
         let mut restored = Plant::new(&scenario, &list);
         restored.restore(&bytes).unwrap();
         assert!(!dead(&restored).is_empty() && restored.field() == plant.field());
         for record in &records[60..] {
-            assert_eq!(restored.step(&record.plans).header, record.header);
+            assert_eq!(restored.step(record.plans()).header, record.header);
         }
         restored.restore(&bytes).unwrap(); // backwards: some of its dead live
         assert!(restored.field() == plant.field());
@@ -165,11 +165,11 @@ fn no_strategy_schedules_a_sensor_node_without_airtime() {
             let [mut silenced, mut heard_again] = [0, 0];
             while let Some(record) = mission.next() {
                 tally.add(&record).unwrap();
-                let mut scheduled = record.plans.iter().flatten().flat_map(|plan| plan.scheduled().to_vec());
+                let mut scheduled = record.plans().iter().flatten().flat_map(|plan| plan.scheduled().to_vec());
                 assert!(!scheduled.any(|id| before.contains(&id)), "{}, {keys}", strategy.name);
                 let now_bits = mission.plant().field().delivered_bits();
                 for (id, sent_s) in sent_s.iter_mut().enumerate() {
-                    let link = uploads(&record.flights).find(|link| link.sensor as usize == id);
+                    let link = uploads(record.flights()).find(|link| link.sensor as usize == id);
                     let bits = now_bits[id] - delivered_bits[id];
                     sent_s.push(if bits > 0 { bits as f64 / link.unwrap().rate_bps } else { 0.0 });
                 }
@@ -206,7 +206,7 @@ fn the_plan_of_offline_keeps_stops_of_sensor_nodes_that_are_silent_for_a_while()
             let mut visited = vec![[0; 2]; 12];
             while let Some(record) = mission.next() {
                 for (node, visited) in list.nodes().iter().zip(&mut visited) {
-                    let away = record.flights[0].position().xy() - Position::new(node.x_m, node.y_m);
+                    let away = record.flights()[0].position().xy() - Position::new(node.x_m, node.y_m);
                     let is_near = away.norm() <= 20.0;
                     visited[usize::from(record.slot() > 60)] += usize::from(is_near);
                 }

@@ -15,7 +15,7 @@ struct Meter(ServiceGaps);
 
 impl Observer for Meter {
     fn slot(&mut self, record: &SlotRecord, _: &Plant) -> Result<(), MissionError> {
-        uploads(&record.flights).for_each(|link| self.0.serve(link.sensor as usize, record.slot()));
+        uploads(record.flights()).for_each(|link| self.0.serve(link.sensor as usize, record.slot()));
         Ok(())
     }
 }

@@ -82,9 +82,9 @@ impl Case {
         let (mut log, reader) = folder.reopen_slot_log().unwrap();
         let mut lines = RecordedLines::new(&folder, reader, &self.scenario);
         let mut are_same = Vec::new();
-        for SlotRecord { flights, header, .. } in self.mission().take(slots) {
+        for record in self.mission().take(slots) {
             assert!(lines.next_slot().unwrap().is_some());
-            are_same.push(log.repeat(lines.lines(), &flights, &header).unwrap());
+            are_same.push(log.repeat(lines.lines(), record.flights(), &record.header).unwrap());
         }
         (folder, log, are_same)
     }
@@ -462,9 +462,13 @@ fn solver_fallbacks_are_counted_except_in_a_resumed_run() {
     let case = Case::new();
     let mut tally = Tally::new(&case.scenario, &case.list, &RunMode::default());
     let mut records: Vec<SlotRecord> = case.mission().collect();
-    for plan in records.iter_mut().flat_map(|record| record.plans.iter_mut().flatten()) {
-        plan.solver = SolverOutcome::Fallback as u32;
-        plan.plan_ns = 0; // an external planner may not measure it
+    for record in &mut records {
+        let mut plans = record.plans().clone();
+        for plan in plans.iter_mut().flatten() {
+            plan.solver = SolverOutcome::Fallback as u32;
+            plan.plan_ns = 0; // an external planner may not measure it
+        }
+        record.begin(&plans);
     }
     let fallbacks = |tally: &Tally| tally.summary(Duration::ZERO, 0).solver_fallbacks;
     records[..3].iter().for_each(|record| tally.add(record).unwrap());

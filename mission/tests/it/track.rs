@@ -28,7 +28,7 @@ fn every_strategy_flies_the_track_and_serves_from_it() {
             let list = SensorList::of(&scenario).unwrap();
             let mut mission = Mission::new(&scenario, &list).unwrap();
             for (slot, record) in (1..).zip(&mut mission) {
-                let flight = &record.flights[UAV];
+                let flight = &record.flights()[UAV];
                 assert_eq!((flight.x_m, flight.y_m, flight.z_m), (f64::from(2 * slot), 50.0, 20.0), "{strategy}{keys}");
                 let at = flight.position().xy();
                 let is_near = list.sensors().iter().any(|sensor| (sensor.position - at).norm() <= 60.0);

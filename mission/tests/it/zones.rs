@@ -56,7 +56,7 @@ fn fly_all(keys: &str) {
             let mut last = *Plant::new(&scenario, &list).flight(UAV);
             let mut served = std::collections::BTreeSet::new();
             for record in Mission::new(&scenario, &list).unwrap() {
-                let flight = record.flights[UAV];
+                let flight = record.flights()[UAV];
                 assert!(!enters(&zones, &last, &flight), "{strategy}, {count} zones, slot {}", record.slot());
                 assert_eq!(flight.hold, HoldReason::None as u32, "{strategy}, {count} zones, slot {}", record.slot());
                 served.extend(flight.served_links().iter().map(|link| link.sensor));
@@ -92,8 +92,8 @@ fn a_thin_zone_causes_no_holds() {
         let list = SensorList::of(&scenario).unwrap();
         let mut last = *Plant::new(&scenario, &list).flight(UAV);
         for record in Mission::new(&scenario, &list).unwrap() {
-            let flight = record.flights[UAV];
-            let plan = record.plans[UAV].map(|plan| plan.waypoint());
+            let flight = record.flights()[UAV];
+            let plan = record.plans()[UAV].map(|plan| plan.waypoint());
             assert_eq!(flight.hold, 0, "{strategy}, slot {}: {:?} to {plan:?}", record.slot(), last.position());
             last = flight;
         }
@@ -109,7 +109,7 @@ fn the_return_path_on_battery_leads_around_zones() {
         let scenario = scenario(3, seed, strategy, keys);
         let list = SensorList::of(&scenario).unwrap();
         let flights: Vec<FlightReport> =
-            Mission::new(&scenario, &list).unwrap().map(|record| record.flights[UAV]).collect();
+            Mission::new(&scenario, &list).unwrap().map(|record| record.flights()[UAV]).collect();
         let least_j = flights.iter().map(|flight| flight.energy_j).fold(f64::INFINITY, f64::min);
         assert!(least_j >= 1_200.0 - 1e-6, "{strategy}: {least_j} J");
         let end = flights[flights.len() - 1];
@@ -153,7 +153,7 @@ fn links_among_buildings_have_the_rate_of_their_state() {
         let nodes = list.nodes();
         let mut served = 0;
         for record in Mission::new(&scenario, &list).unwrap() {
-            let flight = record.flights[UAV];
+            let flight = record.flights()[UAV];
             served += flight.served;
             for link in flight.served_links() {
                 let node = nodes[link.sensor as usize];
@@ -193,7 +193,7 @@ fn strategies_know_the_map_of_buildings() {
         let list = SensorList::of(&scenario).unwrap();
         let record = Mission::new(&scenario, &list).unwrap().nth(1).unwrap();
         let served: Vec<(u32, u32)> =
-            record.flights[UAV].served_links().iter().map(|link| (link.sensor, link.line_of_sight)).collect();
+            record.flights()[UAV].served_links().iter().map(|link| (link.sensor, link.line_of_sight)).collect();
         assert_eq!(served, [(0, 1)], "{strategy}");
     }
 }
@@ -206,7 +206,7 @@ fn position_errors_do_not_enter_zones() {
         let zones = polygons(3);
         let mut last = *Plant::new(&scenario, &list).flight(UAV);
         for record in Mission::new(&scenario, &list).unwrap() {
-            let flight = record.flights[UAV];
+            let flight = record.flights()[UAV];
             assert!(!enters(&zones, &last, &flight), "{strategy}, slot {}", record.slot());
             last = flight;
         }
@@ -226,7 +226,7 @@ fn sensor_nodes_and_flights_stay_within_the_boundary() {
         assert!(list.sensors().iter().all(|sensor| is_within(sensor.position.x, sensor.position.y)));
         let mut last = *Plant::new(&scenario, &list).flight(UAV);
         for record in Mission::new(&scenario, &list).unwrap() {
-            let flight = record.flights[UAV];
+            let flight = record.flights()[UAV];
             let way = LineString::from(vec![(last.x_m, last.y_m), (flight.x_m, flight.y_m)]);
             assert!(
                 last.position() == flight.position() || boundary.relate(&way).is_covers(),
@@ -319,7 +319,7 @@ fn zones_that_share_an_edge_are_flown_around_as_one() {
             let west_m = if what.contains("edge") { -1.0 } else { 100.01 };
             is_between(flight.x_m, west_m) && is_between(flight.y_m, 100.01)
         };
-        let inside = Mission::new(&scenario, &list).unwrap().filter(|record| is_inside(&record.flights[UAV])).count();
+        let inside = Mission::new(&scenario, &list).unwrap().filter(|record| is_inside(&record.flights()[UAV])).count();
         assert_eq!(inside, 0, "slots in {what}");
     }
 }

@@ -8,9 +8,9 @@ use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::style::Style;
-use crate::route::home::Home;
 use crate::route::motion::MOST_SLOTS;
 use crate::route::route::{Route, RoutePart};
+use crate::route::way_home::WayHome;
 
 /// One sensor served in one slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -192,7 +192,7 @@ impl Decoder {
         let enter = |from: &Position| O::Style::enter(model, from, disk, near);
         let mut route = enter(&self.at);
         let mut cost = 0.0;
-        let home = model.table.home.as_ref();
+        let home = model.table.home.way();
         let mut margin_j = route.as_ref().map_or(f64::NEG_INFINITY, |route| self.next_margin_j::<O>(model, route));
         if let Some(home) = home.filter(|_| margin_j < 0.0) {
             let (visit, back) = self.base_visit(home, &model.pad_waits);
@@ -211,7 +211,7 @@ impl Decoder {
             self.energy_j = energy_j;
             if margin_j < 0.0 {
                 // It is left out, unless the base does not charge: then the flights end.
-                return home.battery_at(&visit.at).is_some_and(|battery| battery.is_charged()).then_some(0.0);
+                return home.battery_at(&visit.at).is_charged().then_some(0.0);
             }
             cost = self.fly_along::<O>(model, &back, &[], buffers, visits);
             self.leave_base(home, &visit, 0.0);
@@ -249,30 +249,28 @@ impl Decoder {
         }
         self.at = route.end();
         self.slot = begin + route.slots() as i32;
-        if model.table.home.as_ref().is_some_and(|home| home.battery.is_some()) {
-            self.energy_j -= route.energy_j();
-        }
+        self.energy_j -= route.energy_j();
         cost + self.serve_in_range::<O>(model, first, buffers, visits)
     }
 
     /// Energy beyond the way home and the reserve after a flight along `route` [J].
     pub(super) fn next_margin_j<O: Objective>(&self, model: &PlanModel, route: &Route) -> f64 {
-        let Some(home) = &model.table.home else { return f64::INFINITY };
-        let energy_j = home.battery.map_or(f64::INFINITY, |_| self.energy_j - route.energy_j());
+        let Some(home) = model.table.home.way() else { return f64::INFINITY };
+        let energy_j = self.energy_j - route.energy_j();
         let slot = self.flown_slots + self.slot as u64 + u64::from(route.slots());
         O::Style::margin_j(model, home, slot, energy_j, &route.end())
     }
 
     /// The visit to the base that begins now, and the way there; `pad_waits` are the slots after which each site has a
     /// pad.
-    fn base_visit(&self, home: &Home, pad_waits: &[u64]) -> (BaseVisit, Route) {
+    fn base_visit(&self, home: &WayHome, pad_waits: &[u64]) -> (BaseVisit, Route) {
         let flown = self.flown_slots + self.slot as u64;
         let route = home.route(flown, &self.at);
         // Longer than any mission if there is none.
         let route = route.unwrap_or_else(|| Route::new(self.at, [RoutePart { end: self.at, slots: MOST_SLOTS }], None));
         let slots = route.slots().min(MOST_SLOTS) as i32;
         let at = route.end();
-        if home.battery.is_none() {
+        if home.battery.is_endless() {
             return (BaseVisit { slots, charged: 0, waited: 0, at }, route);
         }
         let wait = home.base.site_at(&at).and_then(|site| pad_waits.get(site)).copied().unwrap_or_default();
@@ -284,10 +282,9 @@ impl Decoder {
     }
 
     /// Moves to the end of `visit`, the way to which takes `more_j` [J], and charges.
-    fn leave_base(&mut self, home: &Home, visit: &BaseVisit, more_j: f64) {
-        if let Some(battery) = home.battery_at(&visit.at) {
-            self.energy_j = battery.charged_for_j(self.energy_j - more_j, f64::from(visit.charged - visit.waited));
-        }
+    fn leave_base(&mut self, home: &WayHome, visit: &BaseVisit, more_j: f64) {
+        let slots = f64::from(visit.charged - visit.waited);
+        self.energy_j = home.battery_at(&visit.at).charged_for_j(self.energy_j - more_j, slots);
         self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.slots };
         self.at = visit.at;
     }

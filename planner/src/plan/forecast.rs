@@ -128,7 +128,7 @@ impl<O: Objective> Forecast<O> {
             let follows = last.take().is_some_and(|last: u32| old != FRESH && last + 1 == old);
             let next_old = next.map(|(_, next)| next);
             let leg_cost = if old != FRESH && O::Style::is_as_before(self, model, &change, old, next_old, follows) {
-                let (shift, more_j) = self.moved(model, old as usize);
+                let (shift, more_j) = self.moved(old as usize);
                 if step >= stops.changed() {
                     change = Change { rest: old as usize, shift, more_j, ..change };
                     break;
@@ -164,10 +164,11 @@ impl<O: Objective> Forecast<O> {
 
     /// The slots by which leg `old` of the old plan begins later now, and the energy [J] that there is more then.
     #[inline]
-    fn moved(&self, model: &PlanModel, old: usize) -> (i32, f64) {
+    fn moved(&self, old: usize) -> (i32, f64) {
         let (_, slot, energy_j) = self.begin(old);
-        let has_battery = model.table.home.as_ref().is_some_and(|home| home.battery.is_some());
-        (self.decoder.slot - slot, if has_battery { self.decoder.energy_j - energy_j } else { 0.0 })
+        // Without end both are infinite.
+        let more_j = if self.decoder.energy_j == energy_j { 0.0 } else { self.decoder.energy_j - energy_j };
+        (self.decoder.slot - slot, more_j)
     }
 
     /// The visits of the plan that follow the last attempt.

@@ -21,8 +21,8 @@ use super::timelines::Rest;
 use super::window::PlanningWindow;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
-use crate::route::home::Home;
 use crate::route::route::Route;
+use crate::route::way_home::WayHome;
 use crate::strategy::View;
 
 /// How often the steps of a search are halved, at most, after searches in vain.
@@ -156,7 +156,7 @@ impl<O: Objective<Style = Self>> Style<O> for Hovering {
         cost
     }
 
-    fn margin_j(model: &PlanModel, home: &Home, slot: u64, energy_j: f64, at: &Position) -> f64 {
+    fn margin_j(model: &PlanModel, home: &WayHome, slot: u64, energy_j: f64, at: &Position) -> f64 {
         model.margin_j(home, slot, energy_j, at)
     }
 
@@ -219,7 +219,7 @@ impl<O: Objective<Style = Self>> Style<O> for Hovering {
             cost += decoder.fly_along::<O>(model, &route, &[], levels, tail);
         }
         cost += *slot_cost * f64::from(decoder.slot);
-        if model.table.home.as_ref().is_none_or(|home| home.battery.is_none()) {
+        if model.table.home.way().is_none_or(|home| home.battery.is_endless()) {
             while decoder.slot < last {
                 decoder.slot += 1;
                 let more = decoder.serve_in_range::<O>(model, &[], levels, tail);

@@ -23,8 +23,8 @@ use super::style::Style;
 use super::timelines::Timelines;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
-use crate::route::home::Home;
 use crate::route::route::Route;
+use crate::route::way_home::WayHome;
 use crate::strategy::View;
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
@@ -84,7 +84,7 @@ impl<O: Objective<Style = Self>> Style<O> for InPassing {
     }
 
     #[inline]
-    fn margin_j(_: &PlanModel, home: &Home, slot: u64, energy_j: f64, at: &Position) -> f64 {
+    fn margin_j(_: &PlanModel, home: &WayHome, slot: u64, energy_j: f64, at: &Position) -> f64 {
         home.margin_j(slot, energy_j, at)
     }
 
@@ -117,7 +117,7 @@ impl<O: Objective<Style = Self>> Style<O> for InPassing {
         if next_old != index + 1 || at != decoder.at {
             return false;
         }
-        if let Some(home) = &model.table.home
+        if let Some(home) = model.table.home.way()
             && ((home.must_land || !model.pad_waits.is_empty()) && slot != decoder.slot
                 || forecast.least_margin_j(index) < energy_j - decoder.energy_j)
         {
@@ -228,7 +228,7 @@ impl<O: Objective<Style = InPassing>> CarriedPlan<O> {
         let table = &self.model.table;
         let sensors = self.model.sensors.len().div_ceil(EASY_SENSORS).max(1) as u64;
         let zones = if table.airspace.is_open() { 1 } else { ZONES_EFFORT };
-        let battery = if table.home.is_some() { BATTERY_EFFORT } else { 1 };
+        let battery = if table.home.way().is_some() { BATTERY_EFFORT } else { 1 };
         let fleet = if view.intents().is_some() { FLEET_EFFORT } else { 1 };
         MOST_ADVANCED / (sensors * zones * battery * fleet)
     }

@@ -69,8 +69,8 @@ impl PlanModel {
         stop: &Stop,
     ) -> Self {
         let scenario = &*O::Style::scenario(scenario);
-        let is_near = |id: &u32| mission.home.as_ref().is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
-        let is_included = |id: &u32| O::Style::includes(mission, *id) && is_near(id);
+        let is_included =
+            |id: &u32| O::Style::includes(mission, *id) && mission.home.may_serve(mission.sensors.position(*id));
         let ids: Vec<u32> = mission.servable().filter(is_included).collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));

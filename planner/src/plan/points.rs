@@ -14,8 +14,8 @@ use super::groups::{PlannedStop, ServiceDisk};
 use super::model::PlanModel;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
-use crate::route::home::Home;
 use crate::route::route::Route;
+use crate::route::way_home::WayHome;
 
 /// Most kept links and routes; more are found again.
 const MOST_KEPT: usize = 50_000;
@@ -106,18 +106,18 @@ impl PlanModel {
 
     /// The way home from `at` [m] after `slot`; `None` if there is none, or the UAV need not come back.
     pub fn route_home(&self, slot: u64, at: &Position) -> Option<Route> {
-        let home = self.table.home.as_ref()?;
+        let home = self.table.home.way()?;
         let thrifty = self.thrifty(home, at)?;
         if u64::from(thrifty.slots()) <= home.left_after(slot) { Some(thrifty) } else { home.route(slot, at) }
     }
 
     /// The way home from `at` [m] in any time.
-    fn thrifty(&self, home: &Home, at: &Position) -> Option<Route> {
+    fn thrifty(&self, home: &WayHome, at: &Position) -> Option<Route> {
         kept(&mut self.points.borrow_mut().homes, key(at), || home.route_within(at, u64::MAX))
     }
 
-    /// [`Home::margin_j`], where the same points are asked for again.
-    pub(super) fn margin_j(&self, home: &Home, slot: u64, energy_j: f64, at: &Position) -> f64 {
+    /// [`WayHome::margin_j`], where the same points are asked for again.
+    pub(super) fn margin_j(&self, home: &WayHome, slot: u64, energy_j: f64, at: &Position) -> f64 {
         match self.thrifty(home, at) {
             Some(route) if u64::from(route.slots()) <= home.left_after(slot) => home.margin_after_j(energy_j, &route),
             _ => home.margin_j(slot, energy_j, at), // perhaps faster

@@ -41,8 +41,8 @@ use super::timelines::Rest;
 use super::window::PlanningWindow;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
-use crate::route::home::Home;
 use crate::route::route::Route;
+use crate::route::way_home::WayHome;
 use crate::strategy::View;
 
 /// The store of the style of an objective.
@@ -116,7 +116,7 @@ pub trait Style<O: Objective>: 'static {
     }
 
     /// Energy beyond the way home from `at` [m] and the reserve, with `energy_j` [J] after `slot` [J].
-    fn margin_j(model: &PlanModel, home: &Home, slot: u64, energy_j: f64, at: &Position) -> f64;
+    fn margin_j(model: &PlanModel, home: &WayHome, slot: u64, energy_j: f64, at: &Position) -> f64;
 
     /// Finds the sensors that can be served from above `at` [m], with `first` before all others.
     fn in_range(model: &PlanModel, first: &[u32], at: &Position, found: &mut Vec<Candidate>);

@@ -4,9 +4,11 @@
 //! |---|---|
 //! | [`route`] | a flight in whole slots |
 //! | [`motion`] | the routes of a UAV: straight, around zones, or along the lines of a grid |
-//! | [`home`] | the route to the base, what it leaves, and charging |
+//! | [`way_home`] | the route to the base, what it leaves, and charging |
+//! | [`home`] | the same of any UAV, which may not have to come back |
 
 pub mod home;
 pub mod motion;
 #[allow(clippy::module_inception)] // the room is named for what it makes
 pub mod route;
+pub mod way_home;

@@ -37,8 +37,8 @@ pub struct Motion {
     reach_m: f64,
     /// Flight in a slot at the least energy per metre [m]. Along a grid all moves take the same time.
     thrifty_m: f64,
-    /// `None`: energy without end.
-    battery: Option<Battery>,
+    /// What its flights take energy from.
+    battery: Battery,
 }
 
 impl Motion {
@@ -47,11 +47,13 @@ impl Motion {
     pub fn of(scenario: &Scenario, airspace: &Arc<Airspace>) -> Self {
         let battery = Battery::of(scenario);
         let reach_m = scenario.reach_m();
-        let thrifty_m = match battery {
-            Some(battery) if !airspace.has_grid() => battery.thrifty_m(reach_m),
-            _ => reach_m,
-        };
+        let thrifty_m = if airspace.has_grid() { reach_m } else { battery.thrifty_m(reach_m) };
         Self { airspace: Arc::clone(airspace), reach_m, thrifty_m, battery }
+    }
+
+    /// What its flights take energy from.
+    pub fn battery(&self) -> &Battery {
+        &self.battery
     }
 
     /// Whether it flies from cell to cell of a grid.
@@ -145,7 +147,7 @@ impl Motion {
         let reach = Disk { centre: *from, radius_m: self.reach_m * slots };
         let end = nearest_in_both(next, &reach, disk);
         if self.airspace.is_free(from, &end) {
-            return Some(Route::new(*from, [RoutePart { end, slots: slots as u32 }], self.battery.as_ref()));
+            return Some(Route::new(*from, [RoutePart { end, slots: slots as u32 }], Some(&self.battery)));
         }
         self.shortest_into(from, disk)
     }
@@ -162,7 +164,7 @@ impl Motion {
         }
         let rest = RoutePart { end, slots: slots.min(f64::from(MOST_SLOTS / 2)) as u32 };
         let bent = bent.into_iter().map(|end| RoutePart { end, slots: 1 });
-        Some(Route::new(*from, bent.chain([rest]), self.battery.as_ref()))
+        Some(Route::new(*from, bent.chain([rest]), Some(&self.battery)))
     }
 
     /// The route from `from` to `end` [m] of least energy in `left` slots: its straight parts at the speed of least
@@ -175,7 +177,7 @@ impl Motion {
         let begins = std::iter::once(from).chain(&path);
         let lengths_m: SmallVec<[f64; 4]> = begins.zip(&path).map(|(begin, end)| (end - begin).norm()).collect();
         let fastest = lengths_m.iter().map(|length_m| slots(*length_m, self.reach_m)).sum::<f64>();
-        if path.len() > 1 && (self.battery.is_none() || fastest > left as f64) {
+        if path.len() > 1 && (self.battery.is_endless() || fastest > left as f64) {
             return self.along(from, &path);
         }
         let mut spare = left as f64 - fastest;
@@ -186,7 +188,7 @@ impl Motion {
             RoutePart { end: *end, slots: (fastest + more).min(f64::from(MOST_SLOTS)) as u32 }
         };
         let parts: SmallVec<[RoutePart; 4]> = path.iter().zip(&lengths_m).map(part).collect();
-        (!parts.is_empty()).then(|| Route::new(*from, parts, self.battery.as_ref()))
+        (!parts.is_empty()).then(|| Route::new(*from, parts, Some(&self.battery)))
     }
 
     /// The route of no slots of a UAV at `at` [m].
@@ -196,7 +198,7 @@ impl Motion {
 
     /// A hover at `at` [m]: a slot, on a grid as many as a move takes.
     pub fn wait(&self, at: &Position) -> Route {
-        Route::new(*at, [RoutePart { end: *at, slots: self.move_slots() as u32 }], self.battery.as_ref())
+        Route::new(*at, [RoutePart { end: *at, slots: self.move_slots() as u32 }], Some(&self.battery))
     }
 
     /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m]: `to` if the path is free, otherwise a part

@@ -37,6 +37,7 @@ impl Route {
     pub fn new(from: Position, parts: impl IntoIterator<Item = RoutePart>, battery: Option<&Battery>) -> Self {
         let mut route = Self { from, parts: parts.into_iter().collect(), slots: 0, energy_j: 0.0 };
         let mut begin = from;
+        let battery = battery.filter(|battery| !battery.is_endless()); // an open field computes no lengths of parts
         for part in &route.parts {
             route.slots = route.slots.saturating_add(part.slots);
             if let Some(battery) = battery.filter(|_| part.slots > 0) {

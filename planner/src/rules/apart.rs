@@ -3,7 +3,7 @@
 use skysink_common::geometry::{Position, above};
 
 use crate::neighbours::{Reservations, Reserved};
-use crate::route::home::Returning;
+use crate::route::way_home::Returning;
 use crate::strategy::View;
 
 impl Reservations<'_> {
@@ -23,14 +23,14 @@ impl Reservations<'_> {
         others.retain(|to| area.contains(to, 0.0) && airspace.contains(to) && airspace.is_free(&ground, to));
         let away_m = |to: &Position| (end_of(to) - end_of(proposed)).norm();
         others.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
-        let home = view.table.home.as_ref();
+        let home = &view.table.home;
         // A UAV in the base may stay there.
         let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));
         let stays = self.has_right_of_way && !is_in_base(proposed);
         others.insert(if stays { 0 } else { others.len() }, ground);
         let comes_home = |to: &Position| {
             let way = [&view.position, &above(to, view.position.z)];
-            home.is_none_or(|home| home.rule(view.slot, &view.battery, way, false) == Returning::Not)
+            home.rule(view.slot, &view.battery, way, false) == Returning::Not
         };
         let clear: Vec<Position> = others.iter().filter(|to| !is_near(true, to)).copied().collect();
         if let Some(in_time) = clear.iter().find(|to| comes_home(to)) {
@@ -41,7 +41,7 @@ impl Reservations<'_> {
             return None;
         }
         let free = |place: &&Position| !self.is_near(view, true, place);
-        let places: Vec<Position> = home.iter().flat_map(|home| home.places.iter()).filter(free).copied().collect();
+        let places: Vec<Position> = home.places().iter().filter(free).copied().collect();
         let others =
             if clear.is_empty() { others.into_iter().filter(|to| !is_near(false, to)).collect() } else { clear };
         // Home as soon as possible, where nobody is.
@@ -53,7 +53,7 @@ impl Reservations<'_> {
         // In the base it may be near to others, before it comes home too late.
         let is_in_time = |to: &Position| {
             let slots = motion.move_slots() as f64 + (home_m(to) / motion.reach_m()).round();
-            home.is_some_and(|home| home.battery.is_none()) && (view.slot - 1) as f64 + slots <= self.last as f64
+            home.way().is_some_and(|way| way.battery.is_endless()) && (view.slot - 1) as f64 + slots <= self.last as f64
         };
         soonest.filter(|to| !is_in_base(&end_of(proposed)) || is_in_time(to))
     }

@@ -14,7 +14,7 @@ pub mod apart;
 use skysink_common::geometry::above;
 use skysink_common::message::Mode;
 
-use crate::route::home::{Home, Returning};
+use crate::route::way_home::Returning;
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_decision;
 use crate::strategy::{Decision, Setup, View};
@@ -67,8 +67,7 @@ impl RuleBook {
         duty: Duty,
         propose: &mut dyn FnMut(&View<'_>) -> Option<Decision>,
     ) -> Ruled {
-        let charges_on = |home: &Home| home.charges_on(view.slot, &view.battery, &view.ground());
-        let charges = view.table.home.as_ref().is_some_and(charges_on);
+        let charges = view.table.home.charges_on(view.slot, &view.battery, &view.ground());
         let mut ruled = match duty {
             Duty::Down => return Ruled { decision: Decision::stay(view), mode: Mode::Hold },
             Duty::Landing => land(view),
@@ -108,13 +107,12 @@ impl RuleBook {
     /// A decision that leaves too little energy or time for the way home is replaced by a part of it; one that stays in
     /// the base and serves nobody charges.
     fn come_home(&mut self, view: &View<'_>, duty: Duty, ruled: &mut Ruled) {
-        let Some(home) = view.table.home.as_ref().filter(|_| duty == Duty::Mission && ruled.mode != Mode::Charge)
-        else {
+        if duty != Duty::Mission || ruled.mode == Mode::Charge {
             return;
-        };
+        }
         let Ruled { decision, mode } = ruled;
         let flight = [&view.position, &decision.waypoint];
-        match home.rule(view.slot, &view.battery, flight, decision.schedule.is_empty()) {
+        match view.table.home.rule(view.slot, &view.battery, flight, decision.schedule.is_empty()) {
             Returning::Not => {}
             Returning::Charges => (*decision, *mode) = (Decision::stay(view), Mode::Charge),
             Returning::Flies(waypoint) => {
@@ -157,8 +155,6 @@ fn land(view: &View<'_>) -> Ruled {
     match table.motion.under_way(view.slot, &ground).filter(|end| *end != ground) {
         Some(end) => flies(end),
         None if table.is_home(&ground) => Ruled { decision: Decision::stay(view), mode: Mode::Charge },
-        None => flies(
-            table.home.as_ref().map_or(ground, |home| home.landing_waypoint(view.slot, view.battery.energy_j, &ground)),
-        ),
+        None => flies(table.home.landing_waypoint(view.slot, view.battery.energy_j, &ground)),
     }
 }

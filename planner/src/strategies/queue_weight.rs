@@ -63,13 +63,7 @@ impl QueueWeight {
     pub fn new(setup: &Setup, price_bits2_per_j: f64, service: Service) -> Self {
         let sensors = setup.table.sensors.positions.len();
         let uav = &setup.scenario.uav;
-        let objective = QueueWeightObjective {
-            price_bits2_per_j,
-            service,
-            aircraft: uav.propulsion,
-            slot_s: setup.scenario.slot_s,
-            terms: Vec::with_capacity(sensors),
-        };
+        let objective = QueueWeightObjective { price_bits2_per_j, service, terms: Vec::with_capacity(sensors) };
         Self {
             objective,
             exact: ExactSearch::new(setup.table),

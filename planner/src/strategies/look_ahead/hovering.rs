@@ -88,8 +88,8 @@ impl<O: Objective<Style = Self>> Flown<O> for Hovering {
 /// The way home, or the stay there to charge.
 fn home(view: &View) -> PlannedNext {
     let ground = view.ground();
-    let Some(home) = &view.table.home else { return PlannedNext::ServeMost(ground) };
-    if home.battery.is_some() && home.base.contains(&ground) {
+    let home = &view.table.home;
+    if home.is_charger(&ground) {
         return PlannedNext::Stay;
     }
     PlannedNext::ServeMost(home.next_waypoint(view.slot, &ground))

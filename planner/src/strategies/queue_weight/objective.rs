@@ -5,10 +5,8 @@ use std::cmp::Reverse;
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
-use skysink_common::battery::flight_j;
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::message::MAX_SERVED;
-use skysink_common::scenario::Propulsion;
 use strum::VariantNames;
 
 use crate::mission_table::MissionTable;
@@ -29,8 +27,6 @@ pub(super) struct QueueWeightObjective {
     /// Price of energy, V [bit²/J].
     pub(super) price_bits2_per_j: f64,
     pub(super) service: Service,
-    pub(super) aircraft: Propulsion,
-    pub(super) slot_s: f64,
     /// The terms of the SNs in range [bit²], with their ids; working memory.
     pub(super) terms: Vec<(Reverse<u64>, u32)>,
 }
@@ -71,8 +67,7 @@ impl QueueWeightObjective {
 
     /// The energy [J] of flying to `uav` in the slot.
     pub(super) fn energy_j(&self, view: &View, uav: &Point3<f64>) -> f64 {
-        let battery = view.table.home.as_ref().and_then(|home| home.battery.as_ref());
-        flight_j(battery, &self.aircraft, self.slot_s, &(uav - view.position))
+        view.table.motion.battery().flight_j(&(uav - view.position))
     }
 
     /// The objective [bit²] at `uav`, with the SNs that contribute `terms_bits2`.

@@ -1,4 +1,4 @@
-//! The corners of an airspace that see each other, and the shortest ways between them.
+//! Ways around corners: the shortest in the graph of the corners of an airspace that see each other.
 //!
 //! A shortest way is taut: at each bend the zone lies within the bend. So a corner is joined only to those that it sees
 //! along its zone, not across it. What is asked for is kept: the ways to a corner, and those to a point.
@@ -9,8 +9,10 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 use nalgebra::Vector2;
 
-use super::{Airspace, Bends, Polygon};
-use crate::geometry::{Position, distance_squared};
+use super::ground::ClosedGround;
+use super::polygon::{Bends, Polygon};
+use super::ways::Ways;
+use crate::geometry::{Position, distance_squared, length_m};
 
 /// Most lengths that are kept for points [8 bytes].
 const MOST_KEPT: usize = 4_000_000;
@@ -18,9 +20,102 @@ const MOST_KEPT: usize = 4_000_000;
 /// Slack of the lengths of ways that are compared, relative to them.
 const LENGTH_SLACK: f64 = 1e-9;
 
+/// The shortest ways between zones.
+#[derive(Debug, PartialEq)]
+pub(super) struct BentWays {
+    graph: CornerGraph,
+    /// Where the boundaries of zones that overlap cross [m].
+    crossings: Vec<Position>,
+}
+
+impl BentWays {
+    /// The ways over a ground with zones, for a UAV that begins at `start` [m].
+    pub fn of(ground: &ClosedGround, start: &Position) -> Self {
+        let polygons: Vec<&Polygon> = ground.polygons().collect();
+        let pairs = (1..polygons.len()).flat_map(|second| (0..second).map(move |first| [first, second]));
+        let crossings = pairs.flat_map(|[first, second]| polygons[first].crossings(polygons[second])).collect();
+        Self { graph: CornerGraph::of(ground, start), crossings }
+    }
+
+    fn is_reachable(&self, ground: &ClosedGround, point: &Position) -> bool {
+        ground.contains(point) && self.graph.reaches(ground, point)
+    }
+
+    /// The point beside zones that is nearest to `point` [m], which is not reachable.
+    fn find_nearest(&self, ground: &ClosedGround, point: &Position) -> Position {
+        let projections = ground.polygons().flat_map(|polygon| polygon.projections(point));
+        let rims = projections.chain(self.crossings.iter().copied()).map(|rim| (rim, true));
+        let mut beside: Vec<(Position, bool)> = rims.chain(ground.contacts.beside().map(|rim| (rim, false))).collect();
+        beside.sort_by(|a, b| distance_squared(&a.0, point).total_cmp(&distance_squared(&b.0, point)));
+        let outward = |&(projected, is_rim): &(Position, bool)| {
+            let away = projected - point;
+            let clearance_m = if is_rim { ground.clearance_m() } else { 0.0 };
+            // To either side of the edge; one of them is free.
+            [1.0, -1.0].map(|side| projected + away.try_normalize(0.0).unwrap_or_default() * (side * clearance_m))
+        };
+        let free = beside.iter().flat_map(outward).find(|point| self.is_reachable(ground, point));
+        free.unwrap_or_else(|| {
+            let nodes = self.graph.reachable(ground);
+            let nearest = nodes.min_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
+            nearest.copied().unwrap_or(self.graph.start())
+        })
+    }
+}
+
+impl Ways for Arc<BentWays> {
+    fn nearest(&self, ground: &ClosedGround, point: &Position) -> Position {
+        self.graph
+            .nearest(point, || if self.is_reachable(ground, point) { *point } else { self.find_nearest(ground, point) })
+    }
+
+    fn is_reachable(&self, ground: &ClosedGround, point: &Position) -> bool {
+        BentWays::is_reachable(self, ground, point)
+    }
+
+    fn way(&self, ground: &ClosedGround, from: &Position, to: &Position) -> Bends {
+        if ground.is_clear(from, to) {
+            return Bends::from_slice(&[*to]);
+        }
+        let end = self.nearest(ground, to);
+        let begin = if ground.contains(from) { *from } else { self.nearest(ground, from) };
+        let mut way = Bends::new();
+        if begin != *from {
+            way.push(begin);
+        }
+        if ground.is_clear(&begin, &end) {
+            way.push(end);
+            return way;
+        }
+        if !self.graph.connect(ground, &begin, &end, &mut way) {
+            return Bends::new();
+        }
+        way.push(end);
+        // A bend that is already reached.
+        while way.len() > 1 && (way[0] - from).norm() <= ground.clearance_m() && ground.is_clear(from, &way[1]) {
+            way.remove(0);
+        }
+        way
+    }
+
+    fn distance_m(&self, ground: &ClosedGround, from: &Position, to: &Position) -> f64 {
+        if ground.is_clear(from, to) {
+            return (to - from).norm();
+        }
+        let way = self.way(ground, from, to);
+        if way.is_empty() { f64::INFINITY } else { length_m(from, &way) }
+    }
+
+    fn between_m(&self, ground: &ClosedGround, from: &Position, to: &Position) -> f64 {
+        if ground.is_clear(from, to) {
+            return (to - from).norm();
+        }
+        self.graph.shortest(ground, from, to).map_or(f64::INFINITY, |way| way.length_m)
+    }
+}
+
 /// The corners that ways bend at, and the shortest ways between them.
 #[derive(Debug, Default)]
-pub(super) struct CornerGraph {
+struct CornerGraph {
     nodes: Vec<Node>,
     clearance_m: f64,
     start: Position,
@@ -62,7 +157,7 @@ struct WaysTo {
 
 /// A point that ways lead to.
 #[derive(Debug)]
-pub(super) struct Goal {
+struct Goal {
     /// The nodes that it sees.
     seen: Vec<SeenNode>,
     /// Length of the shortest way from each node [m], up to rounding.
@@ -79,7 +174,7 @@ struct SeenNode {
 
 /// A way over nodes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct NodeWay {
+struct NodeWay {
     /// Its length, with the ways to its first and from its last node [m].
     pub length_m: f64,
     first: usize,
@@ -108,24 +203,24 @@ impl PartialOrd for Pending {
 }
 
 impl CornerGraph {
-    /// The graph of an airspace in which the UAV begins at `start`.
-    pub fn of(airspace: &Airspace, start: &Position) -> Self {
-        let clearance_m = airspace.clearance_m();
-        let corners = airspace.polygons().flat_map(|polygon| beside_corners(polygon, clearance_m));
-        let nodes: Vec<Node> = corners.filter(|node| airspace.contains(&node.at)).collect();
+    /// The graph over a ground on which the UAV begins at `start`.
+    pub fn of(ground: &ClosedGround, start: &Position) -> Self {
+        let clearance_m = ground.clearance_m();
+        let corners = ground.polygons().flat_map(|polygon| beside_corners(polygon, clearance_m));
+        let nodes: Vec<Node> = corners.filter(|node| ground.contains(&node.at)).collect();
         let ways_to = nodes.iter().map(|_| OnceLock::new()).collect();
         Self { nodes, clearance_m, start: *start, ways_to, ..Self::default() }
     }
 
     /// The nodes that each node sees.
-    fn neighbours(&self, airspace: &Airspace) -> &[Vec<(usize, f64)>] {
+    fn neighbours(&self, ground: &ClosedGround) -> &[Vec<(usize, f64)>] {
         self.neighbours.get_or_init(|| {
             let mut neighbours: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.nodes.len()];
             for (first, node) in self.nodes.iter().enumerate() {
                 for (second, other) in self.nodes.iter().enumerate().skip(first + 1) {
                     let may_bend =
                         node.may_bend(&other.at, self.clearance_m) && other.may_bend(&node.at, self.clearance_m);
-                    if may_bend && airspace.is_free(&node.at, &other.at) {
+                    if may_bend && ground.is_clear(&node.at, &other.at) {
                         let length_m = (other.at - node.at).norm();
                         neighbours[first].push((second, length_m));
                         neighbours[second].push((first, length_m));
@@ -137,9 +232,9 @@ impl CornerGraph {
     }
 
     /// The ways to the node `goal`, by Dijkstra's algorithm.
-    fn ways_to(&self, airspace: &Airspace, goal: usize) -> &WaysTo {
+    fn ways_to(&self, ground: &ClosedGround, goal: usize) -> &WaysTo {
         self.ways_to[goal].get_or_init(|| {
-            let neighbours = self.neighbours(airspace);
+            let neighbours = self.neighbours(ground);
             let count = self.nodes.len();
             let mut ways = WaysTo { lengths_m: vec![f64::INFINITY; count].into(), next: vec![0; count].into() };
             let mut pending = BinaryHeap::from([Pending { length_m: 0.0, node: goal }]);
@@ -162,10 +257,10 @@ impl CornerGraph {
     }
 
     /// Whether a way leads from the start to each node.
-    fn is_reached(&self, airspace: &Airspace) -> &[bool] {
+    fn is_reached(&self, ground: &ClosedGround) -> &[bool] {
         self.is_reached.get_or_init(|| {
-            let neighbours = self.neighbours(airspace);
-            let mut pending: Vec<usize> = self.seen(airspace, &self.start).iter().map(|seen| seen.node).collect();
+            let neighbours = self.neighbours(ground);
+            let mut pending: Vec<usize> = self.seen(ground, &self.start).iter().map(|seen| seen.node).collect();
             let mut is_reached = vec![false; self.nodes.len()];
             while let Some(node) = pending.pop() {
                 if !std::mem::replace(&mut is_reached[node], true) {
@@ -182,20 +277,20 @@ impl CornerGraph {
     }
 
     /// The nodes that a way leads to from the start.
-    pub fn reachable(&self, airspace: &Airspace) -> impl Iterator<Item = &Position> {
-        let nodes = self.nodes.iter().zip(self.is_reached(airspace));
+    pub fn reachable(&self, ground: &ClosedGround) -> impl Iterator<Item = &Position> {
+        let nodes = self.nodes.iter().zip(self.is_reached(ground));
         nodes.filter(|(_, is_reached)| **is_reached).map(|(node, _)| &node.at)
     }
 
     /// Whether a way leads from the start to a free `point`.
-    pub fn reaches(&self, airspace: &Airspace, point: &Position) -> bool {
-        if airspace.is_free(&self.start, point) {
+    pub fn reaches(&self, ground: &ClosedGround, point: &Position) -> bool {
+        if ground.is_clear(&self.start, point) {
             return true;
         }
         // The nearest ones are the likeliest.
-        let mut nodes: Vec<&Position> = self.reachable(airspace).collect();
+        let mut nodes: Vec<&Position> = self.reachable(ground).collect();
         nodes.sort_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
-        nodes.iter().any(|node| airspace.is_free(node, point))
+        nodes.iter().any(|node| ground.is_clear(node, point))
     }
 
     /// The kept reachable point nearest to `point`, or that which `find` finds.
@@ -204,20 +299,19 @@ impl CornerGraph {
     }
 
     /// The nodes that `point` sees, and a way that comes from there may bend at.
-    fn seen(&self, airspace: &Airspace, point: &Position) -> Vec<SeenNode> {
+    fn seen(&self, ground: &ClosedGround, point: &Position) -> Vec<SeenNode> {
         let nodes = self.nodes.iter().enumerate();
-        let seen =
-            nodes.filter(|(_, node)| node.may_bend(point, self.clearance_m) && airspace.is_free(point, &node.at));
+        let seen = nodes.filter(|(_, node)| node.may_bend(point, self.clearance_m) && ground.is_clear(point, &node.at));
         seen.map(|(node, Node { at, .. })| SeenNode { node, away_m: (at - point).norm() }).collect()
     }
 
     /// What is known of the ways to `point`.
-    fn goal(&self, airspace: &Airspace, point: &Position) -> Arc<Goal> {
+    fn goal(&self, ground: &ClosedGround, point: &Position) -> Arc<Goal> {
         let find = || {
-            let seen = self.seen(airspace, point);
+            let seen = self.seen(ground, point);
             let mut to_go_m = vec![f64::INFINITY; self.nodes.len()].into_boxed_slice();
             for SeenNode { node, away_m } in &seen {
-                for (least_m, length_m) in to_go_m.iter_mut().zip(&self.ways_to(airspace, *node).lengths_m) {
+                for (least_m, length_m) in to_go_m.iter_mut().zip(&self.ways_to(ground, *node).lengths_m) {
                     *least_m = least_m.min(length_m + away_m);
                 }
             }
@@ -227,8 +321,8 @@ impl CornerGraph {
     }
 
     /// The shortest way between two points that do not see each other; `None` if there is none.
-    pub fn shortest(&self, airspace: &Airspace, from: &Position, to: &Position) -> Option<NodeWay> {
-        let goal = self.goal(airspace, to);
+    pub fn shortest(&self, ground: &ClosedGround, from: &Position, to: &Position) -> Option<NodeWay> {
+        let goal = self.goal(ground, to);
         // The nodes that `from` sees, in the order of the lengths of the ways over them, as far as they may be the
         // first.
         let over = self.nodes.iter().zip(&goal.to_go_m).enumerate().filter(|(_, (_, to_go_m))| to_go_m.is_finite());
@@ -241,7 +335,7 @@ impl CornerGraph {
                 break;
             }
             let node = &self.nodes[first];
-            if node.may_bend(from, self.clearance_m) && airspace.is_free(from, &node.at) {
+            if node.may_bend(from, self.clearance_m) && ground.is_clear(from, &node.at) {
                 least_m = least_m.min(length_m);
                 firsts.push(first);
             }
@@ -251,7 +345,7 @@ impl CornerGraph {
         for first in firsts {
             let away_m = (self.nodes[first].at - from).norm();
             for last in &goal.seen {
-                let length_m = away_m + self.ways_to(airspace, last.node).lengths_m[first] + last.away_m;
+                let length_m = away_m + self.ways_to(ground, last.node).lengths_m[first] + last.away_m;
                 if length_m < best.length_m {
                     best = NodeWay { length_m, first, last: last.node };
                 }
@@ -262,9 +356,9 @@ impl CornerGraph {
 
     /// Appends the bends of the shortest way from `from` to `to`, neither of which sees the other; false if there is
     /// none.
-    pub fn connect(&self, airspace: &Airspace, from: &Position, to: &Position, way: &mut Bends) -> bool {
-        let Some(best) = self.shortest(airspace, from, to) else { return false };
-        let ways = self.ways_to(airspace, best.last);
+    pub fn connect(&self, ground: &ClosedGround, from: &Position, to: &Position, way: &mut Bends) -> bool {
+        let Some(best) = self.shortest(ground, from, to) else { return false };
+        let ways = self.ways_to(ground, best.last);
         let mut node = best.first;
         way.push(self.nodes[node].at);
         while node != best.last {

@@ -5,11 +5,13 @@
 //! hover takes as many. So the position of the UAV, and the slot, say where it is going: it keeps no other state.
 
 use std::collections::VecDeque;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::Vector2;
 
+use super::ground::ClosedGround;
 use super::polygon::Bends;
+use super::ways::Ways;
 use crate::geometry::{Position, distance_squared, within};
 
 /// Most cells of a grid.
@@ -27,7 +29,7 @@ const FAR: u16 = u16::MAX;
 
 /// Cells and the ways between them.
 #[derive(Debug, Clone)]
-pub struct CellGrid {
+pub(super) struct GridCells {
     cell_m: f64,
     columns: u32,
     rows: u32,
@@ -41,7 +43,7 @@ pub struct CellGrid {
     moves_to: Vec<OnceLock<Box<[u16]>>>,
 }
 
-impl PartialEq for CellGrid {
+impl PartialEq for GridCells {
     /// What is found from the rest is not compared.
     fn eq(&self, other: &Self) -> bool {
         let sizes = |grid: &Self| (grid.cell_m, grid.columns, grid.rows, grid.move_slots);
@@ -58,17 +60,13 @@ enum Spot {
     Between(u32, u32, f64),
 }
 
-impl CellGrid {
-    /// The grid of cells of this side [m] in an area of these sides [m], with moves of this many slots, for a UAV that
-    /// begins at `start`. `is_clear` says whether a straight way is.
-    pub(super) fn new(
-        sides_m: [f64; 2],
-        cell_m: f64,
-        move_slots: u64,
-        start: &Position,
-        is_clear: impl Fn(&Position, &Position) -> bool,
-    ) -> Self {
-        let [columns, rows] = sides_m.map(|side_m| cells_along(side_m, cell_m));
+impl GridCells {
+    /// The grid of cells of this side [m] over a ground, with moves of this many slots, for a UAV that begins at
+    /// `start`.
+    pub fn over(ground: &ClosedGround, cell_m: f64, move_slots: u64, start: &Position) -> Self {
+        let is_clear =
+            |from: &Position, to: &Position| ground.contains(from) && ground.contains(to) && ground.is_clear(from, to);
+        let [columns, rows] = [ground.corner.x, ground.corner.y].map(|side_m| cells_along(side_m, cell_m));
         let mut grid = Self {
             cell_m,
             columns,
@@ -118,12 +116,6 @@ impl CellGrid {
         [east, north, west, south].into_iter().flatten()
     }
 
-    /// The middles of the neighbours of the cell in whose middle `at` lies [m]; none elsewhere.
-    pub(super) fn neighbouring(&self, at: &Position) -> Vec<Position> {
-        let Some(Spot::Cell(cell)) = self.spot(at) else { return Vec::new() };
-        self.neighbours(cell).map(|other| self.middle(other)).collect()
-    }
-
     /// Breadth-first search from `goal`.
     fn search(&self, goal: u32) -> Box<[u16]> {
         let mut moves = vec![FAR; self.is_joined.len()].into_boxed_slice();
@@ -171,34 +163,6 @@ impl CellGrid {
         self.neighbours(cell).any(|neighbour| neighbour == other)
     }
 
-    /// Whether a UAV may fly straight from `from` to `to` [m]: along a line of the grid, within a move.
-    pub(super) fn is_free(&self, from: &Position, to: &Position) -> bool {
-        match (self.spot(from), self.spot(to)) {
-            (Some(Spot::Cell(from)), Some(Spot::Cell(to))) => from == to || self.is_neighbour(from, to),
-            (Some(Spot::Cell(cell)), Some(Spot::Between(a, b, _)))
-            | (Some(Spot::Between(a, b, _)), Some(Spot::Cell(cell))) => {
-                (cell == a || cell == b) && self.is_neighbour(a, b)
-            }
-            (Some(Spot::Between(a, b, _)), Some(Spot::Between(c, d, _))) => (a, b) == (c, d) && self.is_neighbour(a, b),
-            _ => false,
-        }
-    }
-
-    /// The middles of the cells that a way leads to from the start [m].
-    pub(super) fn reached(&self) -> impl Iterator<Item = Position> {
-        let cells = (0..).zip(&self.is_reached).filter(|(_, is_reached)| **is_reached);
-        cells.map(|(cell, _)| self.middle(cell))
-    }
-
-    /// Whether a way leads to `point` [m] from the start: a place on a line of the grid.
-    pub(super) fn is_reachable(&self, point: &Position) -> bool {
-        match self.spot(point) {
-            Some(Spot::Cell(cell)) => self.is_reached[cell as usize],
-            Some(Spot::Between(a, b, _)) => self.is_reached[a as usize] && self.is_neighbour(a, b),
-            None => false,
-        }
-    }
-
     /// The nearest cell to `point` [m] that a way leads to from the start.
     fn nearest_cell(&self, point: &Position) -> Option<u32> {
         let cells = (0..self.is_reached.len() as u32).filter(|&cell| self.is_reached[cell as usize]);
@@ -210,7 +174,7 @@ impl CellGrid {
     }
 
     /// The middle of the nearest cell to `point` that a way leads to [m].
-    pub(super) fn nearest(&self, point: &Position) -> Option<Position> {
+    fn nearest_middle(&self, point: &Position) -> Option<Position> {
         self.nearest_cell(point).map(|cell| self.middle(cell))
     }
 
@@ -231,7 +195,7 @@ impl CellGrid {
     }
 
     /// Length of the shortest way [m]; infinite if there is none.
-    pub(super) fn distance_m(&self, from: &Position, to: &Position) -> f64 {
+    fn length_m(&self, from: &Position, to: &Position) -> f64 {
         let Some(goal) = self.nearest_cell(to) else { return f64::INFINITY };
         let Some((cell, off)) = self.begin(from, goal) else { return f64::INFINITY };
         match self.moves_to(goal)[cell as usize] {
@@ -260,21 +224,6 @@ impl CellGrid {
         cells
     }
 
-    /// The shortest way from `from` to the cell nearest to `to`: its turns, and its end.
-    pub(super) fn way(&self, from: &Position, to: &Position) -> Bends {
-        self.bends(from, &self.cells(from, to))
-    }
-
-    /// The same up to the first cell whose middle is within `radius_m` [m] of `centre`; `from` alone if that is.
-    pub(super) fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
-        if within(from, centre, radius_m) {
-            return Bends::from_slice(&[*from]);
-        }
-        let cells = self.cells(from, to);
-        let entered = cells.iter().position(|&cell| within(&self.middle(cell), centre, radius_m));
-        entered.map_or_else(Bends::new, |entered| self.bends(from, &cells[..=entered]))
-    }
-
     /// The turns and the end of a way along `cells`.
     fn bends(&self, from: &Position, cells: &[u32]) -> Bends {
         let mut bends = Bends::new();
@@ -292,14 +241,6 @@ impl CellGrid {
             before = middle;
         }
         bends
-    }
-
-    /// The end of a slot that flies up to `reach_m` [m] toward `bend`, and how many bends it has passed.
-    pub(super) fn step(&self, from: &Position, bend: &Position, reach_m: f64) -> (Position, usize) {
-        let along = bend - from;
-        let away_m = along.norm();
-        let is_there = away_m <= reach_m + BESIDE * self.cell_m;
-        if is_there { (*bend, 1) } else { (from + along * (reach_m / away_m), 0) }
     }
 
     /// The end of a slot from `from` toward the middle of a neighbouring cell [m].
@@ -321,25 +262,70 @@ impl CellGrid {
     fn phase(&self, slot: u64) -> u64 {
         slot.saturating_sub(1) % self.move_slots
     }
+}
 
-    /// The end of `slot` of a UAV at `from` that is under way, or hovers out of turn [m]; `None` where a move may
-    /// begin.
-    pub(super) fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
-        let phase = self.phase(slot);
-        match self.spot(from) {
-            Some(Spot::Cell(_)) if phase == 0 => None,
-            Some(Spot::Cell(cell)) => Some(self.middle(cell)),
-            Some(Spot::Between(a, b, off)) => {
-                let [near, far] = if off < 0.5 { [a, b] } else { [b, a] };
-                let goal = if phase == 0 || 2 * phase > self.move_slots { near } else { far };
-                Some(self.advance(from, goal))
+impl Ways for Arc<GridCells> {
+    /// Along a line of the grid, within a move.
+    fn is_free(&self, _ground: &ClosedGround, from: &Position, to: &Position) -> bool {
+        self.is_move(from, to)
+    }
+
+    fn is_move(&self, from: &Position, to: &Position) -> bool {
+        match (self.spot(from), self.spot(to)) {
+            (Some(Spot::Cell(from)), Some(Spot::Cell(to))) => from == to || self.is_neighbour(from, to),
+            (Some(Spot::Cell(cell)), Some(Spot::Between(a, b, _)))
+            | (Some(Spot::Between(a, b, _)), Some(Spot::Cell(cell))) => {
+                (cell == a || cell == b) && self.is_neighbour(a, b)
             }
-            None => Some(self.nearest(from).unwrap_or(*from)),
+            (Some(Spot::Between(a, b, _)), Some(Spot::Between(c, d, _))) => (a, b) == (c, d) && self.is_neighbour(a, b),
+            _ => false,
         }
     }
 
-    /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m].
-    pub(super) fn slot_end(&self, slot: u64, from: &Position, to: &Position) -> Position {
+    fn nearest(&self, ground: &ClosedGround, point: &Position) -> Position {
+        if self.is_reachable(ground, point) { *point } else { self.nearest_middle(point).unwrap_or(*point) }
+    }
+
+    /// A place on a line of the grid.
+    fn is_reachable(&self, _ground: &ClosedGround, point: &Position) -> bool {
+        match self.spot(point) {
+            Some(Spot::Cell(cell)) => self.is_reached[cell as usize],
+            Some(Spot::Between(a, b, _)) => self.is_reached[a as usize] && self.is_neighbour(a, b),
+            None => false,
+        }
+    }
+
+    /// To the cell nearest to `to`.
+    fn way(&self, _ground: &ClosedGround, from: &Position, to: &Position) -> Bends {
+        if self.is_move(from, to) { Bends::from_slice(&[*to]) } else { self.bends(from, &self.cells(from, to)) }
+    }
+
+    fn distance_m(&self, _ground: &ClosedGround, from: &Position, to: &Position) -> f64 {
+        if self.is_move(from, to) { (to - from).norm() } else { self.length_m(from, to) }
+    }
+
+    fn between_m(&self, _ground: &ClosedGround, from: &Position, to: &Position) -> f64 {
+        self.length_m(from, to)
+    }
+
+    /// Up to the first cell whose middle is within the radius; `from` alone if that is.
+    fn way_into(
+        &self,
+        _ground: &ClosedGround,
+        from: &Position,
+        to: &Position,
+        centre: &Position,
+        radius_m: f64,
+    ) -> Bends {
+        if within(from, centre, radius_m) {
+            return Bends::from_slice(&[*from]);
+        }
+        let cells = self.cells(from, to);
+        let entered = cells.iter().position(|&cell| within(&self.middle(cell), centre, radius_m));
+        entered.map_or_else(Bends::new, |entered| self.bends(from, &cells[..=entered]))
+    }
+
+    fn slot_end(&self, _ground: &ClosedGround, slot: u64, from: &Position, to: &Position, _reach_m: f64) -> Position {
         self.under_way(slot, from).unwrap_or_else(|| {
             // Told a place on the way to a neighbour, it flies on to the neighbour.
             let toward = match (self.spot(from), self.spot(to)) {
@@ -359,8 +345,46 @@ impl CellGrid {
         })
     }
 
-    /// The slots of the move, or hover, that goes on in `slot` with a flight from `from` to `to`, and its end [m].
-    pub(super) fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
+    /// Toward the first bend.
+    fn step(&self, _ground: &ClosedGround, from: &Position, way: &[Position], reach_m: f64) -> (Position, usize) {
+        let bend = &way[0];
+        let along = bend - from;
+        let away_m = along.norm();
+        let is_there = away_m <= reach_m + BESIDE * self.cell_m;
+        if is_there { (*bend, 1) } else { (from + along * (reach_m / away_m), 0) }
+    }
+
+    fn reached(&self) -> Vec<Position> {
+        let cells = (0..).zip(&self.is_reached).filter(|(_, is_reached)| **is_reached);
+        cells.map(|(cell, _)| self.middle(cell)).collect()
+    }
+
+    fn neighbouring(&self, at: &Position) -> Vec<Position> {
+        let Some(Spot::Cell(cell)) = self.spot(at) else { return Vec::new() };
+        self.neighbours(cell).map(|other| self.middle(other)).collect()
+    }
+
+    fn move_slots(&self) -> u64 {
+        self.move_slots
+    }
+
+    /// It also hovers out of turn.
+    fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
+        let phase = self.phase(slot);
+        match self.spot(from) {
+            Some(Spot::Cell(_)) if phase == 0 => None,
+            Some(Spot::Cell(cell)) => Some(self.middle(cell)),
+            Some(Spot::Between(a, b, off)) => {
+                let [near, far] = if off < 0.5 { [a, b] } else { [b, a] };
+                let goal = if phase == 0 || 2 * phase > self.move_slots { near } else { far };
+                Some(self.advance(from, goal))
+            }
+            None => Some(self.nearest_middle(from).unwrap_or(*from)),
+        }
+    }
+
+    /// The move, or hover, that goes on, and its end.
+    fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
         let slots = self.move_slots - self.phase(slot);
         let end = match self.spot(to) {
             Some(Spot::Between(a, b, _)) => {
@@ -370,11 +394,6 @@ impl CellGrid {
             _ => *to,
         };
         (slots, end)
-    }
-
-    /// Slots of a move.
-    pub(super) fn move_slots(&self) -> u64 {
-        self.move_slots
     }
 }
 
@@ -387,7 +406,7 @@ pub fn cells_along(side_m: f64, cell_m: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::airspace::{Airspace, Polygon};
+    use crate::airspace::{Airspace, AnyWays, Polygon};
 
     fn at(x_m: f64, y_m: f64) -> Position {
         Position::new(x_m, y_m)
@@ -397,6 +416,11 @@ mod tests {
     fn walled(move_slots: u64) -> Airspace {
         let wall = Polygon::of(&[[30.0, 0.0], [40.0, 0.0], [40.0, 50.0], [30.0, 50.0]], false).unwrap();
         Airspace::new([80.0, 60.0], 20.0, [(wall, f64::INFINITY)].into_iter()).on_grid(10.0, move_slots, &at(5.0, 5.0))
+    }
+
+    fn cells_of(airspace: &Airspace) -> &Arc<GridCells> {
+        let AnyWays::Cells(cells) = &airspace.ways else { panic!("it has a grid") };
+        cells
     }
 
     #[test]
@@ -423,9 +447,9 @@ mod tests {
         assert_eq!(airspace.last_free(&from, &at(15.0, 25.0), [20.0; 2]), at(15.0, 25.0));
         assert_eq!(airspace.last_free(&from, &at(20.0, 20.0), [20.0; 2]), from, "beside the lines");
         assert_eq!(airspace.last_free(&at(25.0, 15.0), &at(35.0, 15.0), [20.0; 2]), at(25.0, 15.0), "into the wall");
-        let grid = airspace.grid.as_deref().unwrap();
-        assert_eq!(grid.step(&from, &at(15.0, 25.0), 2.5), (at(15.0, 17.5), 0));
-        assert_eq!(grid.step(&from, &at(15.0, 25.0), 10.0), (at(15.0, 25.0), 1));
+        let grid = cells_of(&airspace);
+        assert_eq!(grid.step(&airspace.ground, &from, &[at(15.0, 25.0)], 2.5), (at(15.0, 17.5), 0));
+        assert_eq!(grid.step(&airspace.ground, &from, &[at(15.0, 25.0)], 10.0), (at(15.0, 25.0), 1));
         // In the second of four slots two are left after it, to the cell that it flies to.
         assert_eq!(grid.committed(2, &at(17.5, 15.0), &at(20.0, 15.0)), (3, at(25.0, 15.0)));
         assert_eq!(grid.committed(2, &at(22.5, 15.0), &at(20.0, 15.0)), (3, from));
@@ -436,7 +460,7 @@ mod tests {
     fn grids_are_equal_by_their_cells_and_moves() {
         assert!(walled(4) == walled(4) && walled(4) != walled(2));
         let open = Airspace::new([80.0, 60.0], 20.0, std::iter::empty()).on_grid(10.0, 4, &at(5.0, 5.0));
-        assert!(walled(4).grid != open.grid, "other ways between the same cells");
+        assert!(walled(4).ways != open.ways, "other ways between the same cells");
     }
 
     #[test]
@@ -463,7 +487,7 @@ mod tests {
     #[test]
     fn the_ways_to_and_from_a_cell_of_a_way_are_parts_of_it() {
         let airspace = walled(1);
-        let grid = airspace.grid.as_deref().unwrap();
+        let grid = cells_of(&airspace);
         let cells: Vec<Position> = airspace.cells().collect();
         for (from, to) in cells.iter().flat_map(|from| cells.iter().map(move |to| (from, to))) {
             let way = grid.cells(from, to);
