@@ -10,15 +10,16 @@ use skysink_common::geometry::{Position, within};
 use skysink_common::message::FlightReport;
 use skysink_common::random::Streams;
 use skysink_common::sampling::Sampler;
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
+use super::anneal::SearchStyle;
 use super::forecast::Forecast;
 use super::groups::PlannedStop;
 use super::keys::{HorizonKeys, LookAheadPart};
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::sensor::noise_slots2;
-use super::style::Style;
 use super::window::PlanningWindow;
 use crate::gap_costs::GapCosts;
 use crate::neighbours::PlannedVisit;
@@ -87,7 +88,49 @@ struct Saved {
     served: Vec<u32>,
 }
 
-impl<O: Objective> CarriedPlan<O> {
+/// What a style says of the slots of a mission.
+pub trait PlanStyle<O: Objective<Style = Self>>: SearchStyle<O> {
+    /// How far from its waypoint a slot may end [m].
+    fn beside_m(_scenario: &Scenario) -> f64 {
+        0.0
+    }
+
+    /// Completes the planning window of the slot of `view`.
+    fn complete(_plan: &CarriedPlan<O>, _view: &View, _window: &mut PlanningWindow<O>) {}
+
+    /// [`CarriedPlan::forecast`], for an updated model.
+    fn forecast(plan: &mut CarriedPlan<O>, view: &View) -> Option<Forecast<O>>;
+
+    /// [`CarriedPlan::has_plan`].
+    fn has_plan(plan: &CarriedPlan<O>) -> bool;
+
+    /// [`CarriedPlan::search`].
+    fn search(
+        plan: &mut CarriedPlan<O>,
+        view: &View,
+        forecast: &mut Forecast<O>,
+        first_steps: u64,
+        is_over: &dyn Fn() -> bool,
+    );
+
+    /// [`CarriedPlan::carry`].
+    fn carry(plan: &mut CarriedPlan<O>, forecast: &Forecast<O>, waypoint: &Position);
+
+    /// The stops of the model that a checkpoint saves: those that do not follow from the mission.
+    fn saved_points(_model: &PlanModel) -> Vec<SavedPoint> {
+        Vec::new()
+    }
+
+    /// The number of stops of the model with these saved points.
+    fn count_stops(model: &PlanModel, _points: &[SavedPoint]) -> usize {
+        model.disks.len()
+    }
+
+    /// Restores the stops of the model from checked points.
+    fn restore_points(_model: &mut PlanModel, _points: &[SavedPoint]) {}
+}
+
+impl<O: Objective<Style: PlanStyle<O>>> CarriedPlan<O> {
     /// The look-ahead before slot 1.
     ///
     /// If sampling rates are learnt, all SNs can lose data, at their estimated rates. The setup's stop ends the search
@@ -248,7 +291,7 @@ impl<O: Objective> CarriedPlan<O> {
     }
 }
 
-impl<O: Objective> Checkpoint for CarriedPlan<O> {
+impl<O: Objective<Style: PlanStyle<O>>> Checkpoint for CarriedPlan<O> {
     fn save(&self, bytes: &mut Vec<u8>) {
         let saved = Saved {
             stops: self.stops.clone(),

@@ -5,9 +5,9 @@ use std::cmp::Ordering;
 use skysink_common::geometry::Position;
 
 use super::groups::PlannedStop;
-use super::model::PlanModel;
+use super::model::{ModelStyle, PlanModel};
 use super::objective::Objective;
-use super::style::Style;
+use crate::geometry::disks::Disk;
 use crate::route::motion::MOST_SLOTS;
 use crate::route::route::{Route, RoutePart};
 use crate::route::way_home::WayHome;
@@ -173,10 +173,42 @@ pub struct Decoder {
     found: Vec<Candidate>,
 }
 
+/// What a style says of the flight to a stop.
+pub trait DecoderStyle<O: Objective>: ModelStyle<O> {
+    /// The route from `from` into `disk`, as near to `near` as possible; `None` if there is none.
+    fn enter(model: &PlanModel, from: &Position, disk: &Disk, near: &Position) -> Option<Route>;
+
+    /// The sensors of `stop` that are served at its end before all others.
+    fn served_first(model: &PlanModel, stop: PlannedStop) -> &[u32];
+
+    /// Stays at `stop`, up to slot `last`; returns what that costs.
+    fn stay(
+        _decoder: &mut Decoder,
+        _model: &PlanModel,
+        _stop: PlannedStop,
+        _last: i32,
+        _buffers: &mut impl Buffers<O>,
+        _visits: &mut Vec<Visit>,
+    ) -> f64 {
+        0.0
+    }
+
+    /// Energy beyond the way home from `at` [m] and the reserve, with `energy_j` [J] after `slot` [J].
+    fn margin_j(model: &PlanModel, home: &WayHome, slot: u64, energy_j: f64, at: &Position) -> f64;
+
+    /// Finds the sensors that can be served from above `at` [m], with `first` before all others.
+    fn in_range(model: &PlanModel, first: &[u32], at: &Position, found: &mut Vec<Candidate>);
+
+    /// Whether a service that costs `cost` is a visit of the plan.
+    fn is_visit(_cost: f64) -> bool {
+        true
+    }
+}
+
 impl Decoder {
     /// Flies to `stop`, as near to the stop `next` as possible, and serves sensors in range at the end of each slot.
     /// Returns what the gaps before the visits cost; `None`, without a change, if it would arrive after slot `last`.
-    pub fn fly<O: Objective>(
+    pub fn fly<O: Objective<Style: DecoderStyle<O>>>(
         &mut self,
         model: &PlanModel,
         stop: PlannedStop,
@@ -229,7 +261,7 @@ impl Decoder {
 
     /// Flies along `route`, and serves `first` before all others at its end. Returns what the gaps before the visits
     /// cost.
-    pub fn fly_along<O: Objective>(
+    pub fn fly_along<O: Objective<Style: DecoderStyle<O>>>(
         &mut self,
         model: &PlanModel,
         route: &Route,
@@ -254,7 +286,7 @@ impl Decoder {
     }
 
     /// Energy beyond the way home and the reserve after a flight along `route` [J].
-    pub(super) fn next_margin_j<O: Objective>(&self, model: &PlanModel, route: &Route) -> f64 {
+    pub(super) fn next_margin_j<O: Objective<Style: DecoderStyle<O>>>(&self, model: &PlanModel, route: &Route) -> f64 {
         let Some(home) = model.table.home.way() else { return f64::INFINITY };
         let energy_j = self.energy_j - route.energy_j();
         let slot = self.flown_slots + self.slot as u64 + u64::from(route.slots());
@@ -290,7 +322,7 @@ impl Decoder {
     }
 
     /// Serves `first`, and of the other sensors in range those whose visits save most.
-    pub(super) fn serve_in_range<O: Objective>(
+    pub(super) fn serve_in_range<O: Objective<Style: DecoderStyle<O>>>(
         &mut self,
         model: &PlanModel,
         first: &[u32],

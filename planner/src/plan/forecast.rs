@@ -17,14 +17,14 @@
 //! it is shifted: see [`Timelines`](super::timelines::Timelines). Where plans hover, legs depend on the buffers: all that
 //! follows a change is flown, from the last of the stored [`States`](super::states::States) before it on.
 
+use std::fmt::Debug;
+
 use skysink_common::geometry::Position;
 
-use super::decoder::{Buffers, Decoder, Leg, Trace, Visit};
+use super::decoder::{Buffers, Decoder, DecoderStyle, Leg, Trace, Visit};
 use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
-use super::style::{Store, StoreOf, Style};
-use super::timelines::Rest;
 use super::window::PlanningWindow;
 
 /// Marks an inserted stop without a corresponding leg in the old plan.
@@ -69,9 +69,87 @@ impl ChangedStops<'_> {
     }
 }
 
+/// What follows a change: the visits of the plan from index `from` up to `until`, `shift` slots later.
+#[derive(Debug, Clone, Copy)]
+pub struct Rest {
+    /// The first of them.
+    pub from: usize,
+    /// The one after the last of them.
+    pub until: usize,
+    /// Slots by which they are later.
+    pub shift: i32,
+}
+
+/// The buffers of a plan, and of a change of it.
+pub trait Store<O: Objective>: Buffers<O> + Debug + Clone {
+    /// Those of an empty plan over `window`.
+    fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self;
+
+    /// Removes all visits of the plan; returns what it then costs.
+    fn clear(&mut self, model: &PlanModel) -> f64;
+
+    /// Begins a change of `plan`, which costs `cost`, before its leg `leg`. Returns the cost to which
+    /// [`ForecastStyle::end`] and the legs from there on are added.
+    fn begin(&mut self, model: &PlanModel, plan: &Trace, leg: usize, cost: f64) -> f64;
+
+    /// Replaces the visits between leg `leg`, where the change begins, and `rest` by `visits`.
+    fn accept(&mut self, model: &PlanModel, leg: usize, visits: &[Visit], rest: Rest);
+
+    /// Prepares for the search from a loaded plan of `legs` legs, which costs `cost`; returns its cost, with less
+    /// rounding.
+    fn loaded(&mut self, model: &PlanModel, legs: usize, cost: f64) -> f64;
+}
+
+/// What a style says of a plan and of changes of it.
+pub trait ForecastStyle<O: Objective<Style = Self>>: DecoderStyle<O> + Sized {
+    /// The buffers of a plan.
+    type Store: Store<O>;
+
+    /// The sensors that have, or will have, data, and their queues at the beginning [bit], for the operators.
+    fn open(_model: &PlanModel, _window: &PlanningWindow<O>) -> Vec<(u32, f64)> {
+        Vec::new()
+    }
+
+    /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before
+    /// it is.
+    #[inline]
+    fn is_as_before(
+        _forecast: &Forecast<O>,
+        _model: &PlanModel,
+        _change: &Change,
+        _old: u32,
+        _next: Option<u32>,
+        _follows: bool,
+    ) -> bool {
+        false
+    }
+
+    /// Whether there is nothing to do at `stop`, the next one of `change`.
+    fn is_idle(forecast: &Forecast<O>, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool;
+
+    /// The cost of the leg that began after slot `begin`, from what was `flown`; `None` if the plan ends before it.
+    fn cost_of_leg(forecast: &Forecast<O>, change: &Change, begin: i32, flown: Option<f64>) -> Option<f64>;
+
+    /// Whether a leg of `slots` slots stays in the plan.
+    fn keeps(_store: &Self::Store, _slots: i32) -> bool {
+        true
+    }
+
+    /// What a change costs after the legs that were flown for it.
+    fn end(forecast: &mut Forecast<O>, model: &PlanModel) -> f64;
+
+    /// The visits after the last stop of the plan that was tried last.
+    fn tail(_store: &Self::Store) -> &[Visit] {
+        &[]
+    }
+}
+
+/// The store of the style of an objective.
+pub type StoreOf<O> = <<O as Objective>::Style as ForecastStyle<O>>::Store;
+
 /// The forecast of a plan.
 #[derive(Debug, Clone)]
-pub struct Forecast<O: Objective> {
+pub struct Forecast<O: Objective<Style: ForecastStyle<O>>> {
     /// The planning window.
     pub window: PlanningWindow<O>,
     /// The plan as flown.
@@ -83,7 +161,7 @@ pub struct Forecast<O: Objective> {
     pub(super) store: StoreOf<O>,
 }
 
-impl<O: Objective> Forecast<O> {
+impl<O: Objective<Style: ForecastStyle<O>>> Forecast<O> {
     /// The forecast of an empty plan.
     #[must_use]
     pub fn new(model: &PlanModel, window: PlanningWindow<O>) -> Self {

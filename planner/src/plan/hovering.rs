@@ -5,19 +5,19 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
-use super::carried_plan::{CarriedPlan, SavedPoint};
-use super::decoder::{Buffers, Candidate, Decoder, Trace, Visit};
-use super::forecast::{Change, Forecast};
+use super::anneal::SearchStyle;
+use super::carried_plan::{CarriedPlan, PlanStyle, SavedPoint};
+use super::decoder::{Buffers, Candidate, Decoder, DecoderStyle, Visit};
+use super::forecast::{Change, Forecast, ForecastStyle};
 use super::groups::PlannedStop;
-use super::model::PlanModel;
+use super::model::{ModelStyle, PlanModel};
 use super::objective::Objective;
 use super::operators::{OF_POINTS, Operator};
+use super::planned::PathStyle;
 use super::points::is_there;
 use super::sensor::SensorModel;
 use super::start;
-use super::states::States;
-use super::style::{Store, Style};
-use super::timelines::Rest;
+use super::states::HoverStore;
 use super::window::PlanningWindow;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
@@ -35,82 +35,7 @@ const MOST_DEVIATIONS: f64 = 6.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hovering;
 
-/// The buffers of a plan that hovers, and how it ends.
-#[derive(Debug, Clone)]
-pub struct HoverStore<O: Objective> {
-    states: States<O>,
-    /// The buffers of the plan that was tried last, as far as it has come.
-    levels: Vec<O::Level>,
-    /// Cost of a slot in the air.
-    slot_cost: f64,
-    /// Whether stops that take no slot stay in the plan: later they may take one.
-    pub keeps_idle: bool,
-    /// The visits after the last stop of the plan that was tried last.
-    tail: Vec<Visit>,
-}
-
-impl<O: Objective> Buffers<O> for HoverStore<O> {
-    #[inline]
-    fn level(&self, sensor: usize) -> O::Level {
-        self.levels[sensor]
-    }
-
-    #[inline]
-    fn serve(&mut self, model: &PlanModel, visit: &Visit) -> f64 {
-        Buffers::<O>::serve(&mut self.levels, model, visit)
-    }
-}
-
-impl<O: Objective> Store<O> for HoverStore<O> {
-    fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self {
-        Self {
-            states: States::new(&window.levels),
-            levels: window.levels.clone(),
-            slot_cost: O::slot_cost(&model.sensors, &window.levels, window.slots),
-            keeps_idle: true,
-            tail: Vec::new(),
-        }
-    }
-
-    fn clear(&mut self, _: &PlanModel) -> f64 {
-        self.states.forget();
-        0.0
-    }
-
-    /// The cost until the leg. The buffers are then those before it.
-    fn begin(&mut self, model: &PlanModel, plan: &Trace, leg: usize, _: f64) -> f64 {
-        let state = self.states.last_known(leg);
-        let mut cost = self.states.load(state, &mut self.levels);
-        let mut at = self.states.leg(state);
-        for state in state + 1.. {
-            let to = leg.min(self.states.leg(state));
-            for visit in &plan.visits[plan.first_visit(at)..plan.first_visit(to)] {
-                cost += self.serve(model, visit);
-            }
-            at = to;
-            if to != self.states.leg(state) {
-                break;
-            }
-            self.states.store(state, cost, &self.levels);
-        }
-        cost
-    }
-
-    fn accept(&mut self, _: &PlanModel, leg: usize, _: &[Visit], _: Rest) {
-        self.states.change(leg);
-    }
-
-    fn loaded(&mut self, _: &PlanModel, legs: usize, cost: f64) -> f64 {
-        self.states.spread(legs);
-        cost
-    }
-}
-
-impl<O: Objective<Style = Self>> Style<O> for Hovering {
-    type Store = HoverStore<O>;
-
-    const OPERATORS: &'static [Operator] = OF_POINTS;
-
+impl<O: Objective<Style = Self>> ModelStyle<O> for Hovering {
     /// All SNs that can be served.
     fn includes(_: &MissionTable, _: u32) -> bool {
         true
@@ -120,7 +45,9 @@ impl<O: Objective<Style = Self>> Style<O> for Hovering {
     fn add_stops(model: &mut PlanModel, _: u64, _: bool, stop: &Stop) {
         model.table.turns(stop);
     }
+}
 
+impl<O: Objective<Style = Self>> DecoderStyle<O> for Hovering {
     fn enter(model: &PlanModel, from: &Position, disk: &Disk, _: &Position) -> Option<Route> {
         model.route_to_point(from, disk)
     }
@@ -168,6 +95,10 @@ impl<O: Objective<Style = Self>> Style<O> for Hovering {
     fn is_visit(cost: f64) -> bool {
         cost != 0.0
     }
+}
+
+impl<O: Objective<Style = Self>> ForecastStyle<O> for Hovering {
+    type Store = HoverStore<O>;
 
     fn open(model: &PlanModel, window: &PlanningWindow<O>) -> Vec<(u32, f64)> {
         let queue_bits = |(sensor, level): (&SensorModel, &O::Level)| O::queue_bits(sensor, *level, 1.0);
@@ -235,13 +166,21 @@ impl<O: Objective<Style = Self>> Style<O> for Hovering {
     fn tail(store: &HoverStore<O>) -> &[Visit] {
         &store.tail
     }
+}
 
+impl<O: Objective<Style = Self>> SearchStyle<O> for Hovering {
+    const OPERATORS: &'static [Operator] = OF_POINTS;
+}
+
+impl PathStyle for Hovering {
     /// The way home.
     fn way_after(model: &PlanModel, flown_slots: u64, last: &Position) -> Vec<Position> {
         let home = model.route_home(flown_slots, last);
         home.iter().flat_map(|route| model.table.airspace.way(last, &route.end())).collect()
     }
+}
 
+impl<O: Objective<Style = Self>> PlanStyle<O> for Hovering {
     fn beside_m(scenario: &Scenario) -> f64 {
         MOST_DEVIATIONS * scenario.uav.position_error_m.unwrap_or(0.0)
     }

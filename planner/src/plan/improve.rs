@@ -2,13 +2,13 @@
 
 use skysink_common::random::Purpose;
 
-use super::anneal::{Best, Cooling, SearchSteps, anneal};
+use super::anneal::{Best, Cooling, SearchSteps, SearchStyle, anneal};
 use super::carried_plan::CarriedPlan;
 use super::forecast::Forecast;
-use super::hovering::Hovering;
-use super::in_passing::InPassing;
 use super::keys::LookAheadPart;
 use super::objective::Objective;
+use super::states::HoverStore;
+use super::timelines::Timelines;
 
 /// Ceiling of the temperature at the mission's end; 1 at its beginning.
 const LAST_CEILING: f64 = 0.1;
@@ -47,7 +47,7 @@ fn patience(steps: u64, sensors: usize) -> u64 {
     }
 }
 
-impl<O: Objective<Style = InPassing>> CarriedPlan<O> {
+impl<O: Objective<Style: SearchStyle<O, Store = Timelines<O>>>> CarriedPlan<O> {
     /// Anneals the plan; restores the initial plan if the cost ends much higher.
     ///
     /// The temperature is proportional to the cost per stop beyond the bound, and falls with the fraction of free
@@ -93,7 +93,7 @@ impl<O: Objective<Style = InPassing>> CarriedPlan<O> {
     }
 }
 
-impl<O: Objective<Style = Hovering>> CarriedPlan<O> {
+impl<O: Objective<Style: SearchStyle<O, Store = HoverStore<O>>>> CarriedPlan<O> {
     /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, higher if it `is_first`,
     /// and loads the best plan found. In a field of few sensors a later one ends once it finds no better plan. The next
     /// search takes fewer steps if this one was in vain: it found no better plan, and little is left.

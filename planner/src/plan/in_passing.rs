@@ -9,17 +9,18 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
+use super::anneal::SearchStyle;
 use super::capacities::{CapacityTable, best_capacities_bits, with_margin};
-use super::carried_plan::CarriedPlan;
-use super::decoder::{Candidate, Trace};
-use super::forecast::{Change, Forecast};
+use super::carried_plan::{CarriedPlan, PlanStyle};
+use super::decoder::{Candidate, DecoderStyle, Trace};
+use super::forecast::{Change, Forecast, ForecastStyle};
 use super::groups::PlannedStop;
-use super::model::PlanModel;
+use super::model::{ModelStyle, PlanModel};
 use super::objective::Objective;
 use super::operators::{OF_DISKS, Operator};
 use super::other_visits::OtherVisits;
+use super::planned::PathStyle;
 use super::start;
-use super::style::Style;
 use super::timelines::Timelines;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
@@ -50,11 +51,7 @@ const EASY_SENSORS: usize = 200;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InPassing;
 
-impl<O: Objective<Style = Self>> Style<O> for InPassing {
-    type Store = Timelines<O>;
-
-    const OPERATORS: &'static [Operator] = OF_DISKS;
-
+impl<O: Objective<Style = Self>> ModelStyle<O> for InPassing {
     fn scenario(scenario: &Scenario) -> Cow<'_, Scenario> {
         with_margin(scenario)
     }
@@ -72,7 +69,9 @@ impl<O: Objective<Style = Self>> Style<O> for InPassing {
     fn add_stops(model: &mut PlanModel, seed: u64, may_group: bool, stop: &Stop) {
         model.add_disks::<O>(seed, may_group, stop);
     }
+}
 
+impl<O: Objective<Style = Self>> DecoderStyle<O> for InPassing {
     #[inline]
     fn enter(model: &PlanModel, from: &Position, disk: &Disk, near: &Position) -> Option<Route> {
         model.table.motion.enter(from, disk, near)
@@ -100,6 +99,10 @@ impl<O: Objective<Style = Self>> Style<O> for InPassing {
             sensors.grid.visit(at, range_m, |node, d2_m2| found.push(linked(node.id, d2_m2)));
         }
     }
+}
+
+impl<O: Objective<Style = Self>> ForecastStyle<O> for InPassing {
+    type Store = Timelines<O>;
 
     #[inline]
     fn is_as_before(
@@ -141,7 +144,13 @@ impl<O: Objective<Style = Self>> Style<O> for InPassing {
         let rest = forecast.rest();
         forecast.store.added_cost(model, rest)
     }
+}
 
+impl<O: Objective<Style = Self>> SearchStyle<O> for InPassing {
+    const OPERATORS: &'static [Operator] = OF_DISKS;
+}
+
+impl<O: Objective<Style = Self>> PlanStyle<O> for InPassing {
     fn forecast(plan: &mut CarriedPlan<O>, view: &View) -> Option<Forecast<O>> {
         let model = &mut plan.model;
         model.others = OtherVisits::of(view.intents().unwrap_or_default(), &model.ids, &model.sensors, view.slot);
@@ -185,12 +194,10 @@ impl<O: Objective<Style = Self>> Style<O> for InPassing {
     }
 }
 
-impl<O: Objective<Style = InPassing>> Forecast<O> {
-    /// Adds up the cost of the plan again: after many changes it has errors of rounding.
-    pub(super) fn settle(&mut self) {
-        self.cost = self.store.cost();
-    }
+/// The way ends with the last stop.
+impl PathStyle for InPassing {}
 
+impl<O: Objective<Style = InPassing>> Forecast<O> {
     /// Whether the last slot of `change` serves all live members of `stop` without a stop for them.
     fn is_met(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
         let slot = self.decoder.slot;

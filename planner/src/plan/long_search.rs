@@ -5,14 +5,14 @@ use std::ops::ControlFlow;
 use rand_chacha::ChaCha8Rng;
 use skysink_common::random::Purpose;
 
-use super::anneal::{Best, Cooling, SearchSteps, anneal};
+use super::anneal::{Best, Cooling, SearchSteps, SearchStyle, anneal};
 use super::carried_plan::CarriedPlan;
 use super::forecast::Forecast;
 use super::improve::{COOLING, MOST_RISE, REHEATING};
-use super::in_passing::InPassing;
 use super::keys::LookAheadPart;
 use super::objective::Objective;
 use super::start;
+use super::timelines::Timelines;
 use crate::strategy::View;
 
 /// Parts of the search, each with its temperature.
@@ -58,7 +58,7 @@ pub struct SearchOutcome {
     pub is_optimal: bool,
 }
 
-impl<O: Objective<Style = InPassing>> CarriedPlan<O> {
+impl<O: Objective<Style: SearchStyle<O, Store = Timelines<O>>>> CarriedPlan<O> {
     /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the
     /// progress; if it ends the search, the result is `None`, and `forecast` is the best plan until then.
     pub(crate) fn prepare(
@@ -187,7 +187,7 @@ mod tests {
 
     use super::*;
     use crate::plan::keys::HorizonKeys;
-    use crate::plan::objective::Loss;
+    use crate::plan::loss::Loss;
     use crate::strategy::OwnedSetup;
 
     #[test]

@@ -1,6 +1,7 @@
 //! The constant data of a look-ahead: the sensor nodes that can lose data, in slots instead of bits, and the stops of
 //! plans, which the style adds.
 
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -16,7 +17,6 @@ use super::objective::Objective;
 use super::other_visits::OtherVisits;
 use super::points::PointMemory;
 use super::sensor::{SensorModel, noise_slots2};
-use super::style::Style;
 use crate::gap_costs::GapCosts;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
@@ -57,11 +57,31 @@ pub struct PlanModel {
     pub(super) points: RefCell<PointMemory>,
 }
 
+/// What a style says of the model of its plans.
+pub trait ModelStyle<O: Objective> {
+    /// The scenario that is planned for.
+    fn scenario(scenario: &Scenario) -> Cow<'_, Scenario> {
+        Cow::Borrowed(scenario)
+    }
+
+    /// Whether the sensor node `id`, which can be served, is a sensor of the plan.
+    fn includes(mission: &MissionTable, id: u32) -> bool;
+
+    /// What visits carry where it depends on the elevation or on the place; `None` if no table is needed.
+    fn capacities_bits(_scenario: &Scenario, _table: &MissionTable) -> Option<Box<CapacityTable>> {
+        None
+    }
+
+    /// Adds the stops that are known before slot 1 to a model with sensors, with random numbers of `seed`; with groups
+    /// if it `may_group`.
+    fn add_stops(model: &mut PlanModel, seed: u64, may_group: bool, stop: &Stop);
+}
+
 impl PlanModel {
     /// The model of a scenario with the SNs of `mission`; if it `may_group`, with groups if resource blocks
     /// or time are scarce. After `stop` it is made without search, and must not be flown.
     #[must_use]
-    pub fn new<O: Objective>(
+    pub fn new<O: Objective<Style: ModelStyle<O>>>(
         scenario: &Scenario,
         mission: &MissionTable,
         costs: &GapCosts,
@@ -242,7 +262,7 @@ mod tests {
                 gain: 1e-5,
                 ..SensorNode::default()
             };
-            let model = PlanModel::new::<crate::plan::objective::Loss>(
+            let model = PlanModel::new::<crate::plan::loss::Loss>(
                 &scenario,
                 &MissionTable::of(&scenario, &[node]),
                 &GapCosts::LOSS,

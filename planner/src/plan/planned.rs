@@ -4,10 +4,17 @@ use skysink_common::geometry::Position;
 use skysink_common::message::MAX_PATH_POINTS;
 
 use super::decoder::{BaseVisit, Leg};
-use super::forecast::Forecast;
+use super::forecast::{Forecast, ForecastStyle};
 use super::model::PlanModel;
 use super::objective::Objective;
-use super::style::Style;
+
+/// What a style says of the path of a plan.
+pub trait PathStyle {
+    /// The way [m] from the last stop, at `last` [m], to the end of a plan that begins after `flown_slots` slots.
+    fn way_after(_model: &PlanModel, _flown_slots: u64, _last: &Position) -> Vec<Position> {
+        Vec::new()
+    }
+}
 
 /// A slot of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +31,7 @@ pub struct PlannedSlot {
 
 /// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.
 #[must_use]
-pub fn planned_slot<O: Objective>(
+pub fn planned_slot<O: Objective<Style: ForecastStyle<O>>>(
     model: &PlanModel,
     forecast: &Forecast<O>,
     slot: i32,
@@ -66,7 +73,10 @@ pub fn planned_slot<O: Objective>(
 /// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; with
 /// the way after the last stop.
 #[must_use]
-pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
+pub fn planned_path<O: Objective<Style: ForecastStyle<O> + PathStyle>>(
+    model: &PlanModel,
+    forecast: &Forecast<O>,
+) -> Vec<Position> {
     let airspace = &model.table.airspace;
     let mut path: Vec<Position> = Vec::new();
     for leg in forecast.trace.legs.iter().filter(|leg| leg.end > 1) {
@@ -95,7 +105,7 @@ mod tests {
     use crate::gap_costs::GapCosts;
     use crate::mission_table::MissionTable;
     use crate::plan::groups::PlannedStop;
-    use crate::plan::objective::Loss;
+    use crate::plan::loss::Loss;
     use crate::plan::tests::window_of;
 
     #[test]

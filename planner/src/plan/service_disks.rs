@@ -8,7 +8,6 @@ use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
 use super::groups::{self, ServiceDisk};
-use super::in_passing::InPassing;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::sensor::SensorModel;
@@ -39,7 +38,7 @@ const LOOKS: u32 = 64;
 impl PlanModel {
     /// Adds all stops: disks, with groups if it `may_group` and resource blocks or time are scarce, with random numbers
     /// of `seed`, and the tours over them.
-    pub(super) fn add_disks<O: Objective<Style = InPassing>>(&mut self, seed: u64, may_group: bool, stop: &Stop) {
+    pub(super) fn add_disks<O: Objective>(&mut self, seed: u64, may_group: bool, stop: &Stop) {
         self.tours = vec![self.table.turns(stop).order.clone()];
         for index in self.table.sensors.ids() {
             let disk = self.near::<O>(index);
@@ -54,7 +53,7 @@ impl PlanModel {
     }
 
     /// The farthest distance at which the link of `sensor` carries most of its best capacity, or of a full buffer [m].
-    fn carries_most_m<O: Objective<Style = InPassing>>(&self, sensor: u32) -> f64 {
+    fn carries_most_m<O: Objective>(&self, sensor: u32) -> f64 {
         let model = &self.sensors[sensor as usize];
         let full = O::capacity(model, model.capacity_bits);
         let enough = O::capacity(model, model.best_bits).min(full) * NEAR;
@@ -69,7 +68,7 @@ impl PlanModel {
 
     /// The disk of a single sensor: its radius is the farthest at which the link carries most, and up to which no
     /// building hides the sensor. By a map the disk is about the place in range from which the link carries most.
-    fn near<O: Objective<Style = InPassing>>(&self, sensor: u32) -> Disk {
+    fn near<O: Objective>(&self, sensor: u32) -> Disk {
         let position = *self.table.sensors.position(sensor);
         let most_m = self.carries_most_m::<O>(sensor);
         let channel = &self.table.channel;
@@ -104,7 +103,7 @@ impl PlanModel {
     /// Whether a cycle of full groups may lose least: most visits empty the buffer, or carry as much from anywhere in
     /// range, and loss is hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
     /// most of the time in which a buffer fills. Otherwise groups would only take time.
-    fn is_scarce<O: Objective<Style = InPassing>>(&self) -> bool {
+    fn is_scarce<O: Objective>(&self) -> bool {
         let is_filled = |index: &u32| {
             let sensor = &self.sensors[*index as usize];
             sensor.best_bits >= sensor.capacity_bits
@@ -123,7 +122,7 @@ impl PlanModel {
     /// Adds the groups of a partition of the field, with random numbers of `seed`, and for every size a tour over the
     /// groups of at least that size, if it skips few sensors: without a partition into full groups, skipping some may
     /// lose less.
-    pub(crate) fn group<O: Objective<Style = InPassing>>(&mut self, seed: u64, stop: &Stop) {
+    pub(crate) fn group<O: Objective>(&mut self, seed: u64, stop: &Stop) {
         let first = self.disks.len();
         let ranges_m: Vec<f64> = self.table.sensors.ids().map(|index| self.carries_most_m::<O>(index)).collect();
         self.disks.extend(groups::cover(&self.table, &ranges_m, seed, stop));

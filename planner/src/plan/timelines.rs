@@ -6,25 +6,14 @@ mod served;
 use std::ops::Range;
 
 use super::decoder::{Buffers, Trace, Visit, serve};
+use super::forecast::{Forecast, ForecastStyle, Rest, Store};
 use super::model::PlanModel;
 use super::objective::{Objective, Reached};
-use super::style::Store;
 use super::window::PlanningWindow;
 use served::{Served, Timeline};
 
 /// Shifts [slots] up to which the cost of most gaps is linear: where they are much too long, or not by far.
 const NEAR: i32 = 16;
-
-/// What follows a change: the visits of the plan from index `from` up to `until`, `shift` slots later.
-#[derive(Debug, Clone, Copy)]
-pub struct Rest {
-    /// The first of them.
-    pub from: usize,
-    /// The one after the last of them.
-    pub until: usize,
-    /// Slots by which they are later.
-    pub shift: i32,
-}
 
 /// The visits of a plan that does not hover, and of a change.
 #[derive(Debug, Clone)]
@@ -396,5 +385,12 @@ impl<O: Objective> Timelines<O> {
         self.bent[last..].iter_mut().for_each(|index| *index = *index + new_from as u32 - from as u32);
         let bent = (start..end).filter(|&index| self.plan[index].is_bent).map(|index| index as u32);
         self.bent.splice(first..last, bent);
+    }
+}
+
+impl<O: Objective<Style: ForecastStyle<O, Store = Timelines<O>>>> Forecast<O> {
+    /// Adds up the cost of the plan again: after many changes it has errors of rounding.
+    pub(super) fn settle(&mut self) {
+        self.cost = self.store.cost();
     }
 }

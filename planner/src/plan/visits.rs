@@ -8,7 +8,8 @@ use super::carried_plan::CarriedPlan;
 use super::gaps::Gaps;
 use super::in_passing::InPassing;
 use super::keys::HorizonKeys;
-use super::objective::{Loss, Objective};
+use super::loss::Loss;
+use super::objective::Objective;
 use super::planned::planned_slot;
 use crate::strategy::{Setup, View};
 

@@ -23,14 +23,15 @@ use skysink_common::stop::Stop;
 use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
-use crate::plan::carried_plan::CarriedPlan;
+use crate::plan::carried_plan::{CarriedPlan, PlanStyle};
+use crate::plan::collect::Collect;
 use crate::plan::forecast::Forecast;
 use crate::plan::gaps::Gaps;
 use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, Watch};
-use crate::plan::objective::{Collect, Loss, Objective};
-use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
-use crate::plan::style::Style;
+use crate::plan::loss::Loss;
+use crate::plan::objective::Objective;
+use crate::plan::planned::{PathStyle, PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// In every slot it improves a plan of least predicted loss over the rest of the mission, or its next 2 400 slots, and
@@ -115,7 +116,7 @@ pub enum PlannedNext {
 }
 
 /// How plans of a style are begun and flown.
-pub trait Flown<O: Objective>: Style<O> {
+pub trait Flown<O: Objective<Style = Self>>: PlanStyle<O> + PathStyle {
     /// Whether `offline` flies its plan without changes; otherwise it has a longer first search.
     const IS_OPEN_LOOP: bool;
 
@@ -265,7 +266,7 @@ impl<O: Objective<Style: Flown<O>>> Strategy for LookAhead<O> {
     }
 }
 
-impl<O: Objective> Checkpoint for LookAhead<O> {
+impl<O: Objective<Style: Flown<O>>> Checkpoint for LookAhead<O> {
     fn save(&self, bytes: &mut Vec<u8>) {
         self.ahead.save(bytes);
     }

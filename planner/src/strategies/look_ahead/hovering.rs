@@ -10,7 +10,8 @@ use crate::plan::forecast::Forecast;
 use crate::plan::hovering::Hovering;
 use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, SearchProgress, Watch};
-use crate::plan::objective::{Loss, Objective};
+use crate::plan::loss::Loss;
+use crate::plan::objective::Objective;
 use crate::plan::planned::PlannedSlot;
 use crate::strategy::{Setup, View};
 
