@@ -6,9 +6,9 @@ use skysink_common::message::FlightReport;
 
 /// The sensor nodes that a UAV has served in the last slot.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Contacts(Vec<u32>);
+pub(crate) struct SlotContacts(Vec<u32>);
 
-impl Contacts {
+impl SlotContacts {
     /// Lets the sensor nodes that `report` serves share the time of the slot, and new contacts be set up in it.
     pub(crate) fn share_time(&mut self, link: &LinkBudget, report: &mut FlightReport) {
         if link.setup_s.is_none() && link.sharing.is_none() {

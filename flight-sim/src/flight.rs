@@ -9,7 +9,7 @@ use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, M
 use skysink_common::random::{Purpose, Streams, normal_pair};
 use skysink_common::scenario::Scenario;
 
-use crate::contacts::Contacts;
+use crate::contacts::SlotContacts;
 use crate::vehicle::Vehicle;
 
 /// A UAV over its field.
@@ -23,7 +23,7 @@ pub struct Flight {
     link: LinkBudget,
     /// Where the slot began, if the links count that were seen from there.
     seen_from: Option<Point3<f64>>,
-    contacts: Contacts,
+    contacts: SlotContacts,
     streams: Streams,
     comm_radius_m: f64,
     resource_blocks: usize,
@@ -47,7 +47,7 @@ impl Flight {
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             link: scenario.link.clone(),
             seen_from: None,
-            contacts: Contacts::default(),
+            contacts: SlotContacts::default(),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
             is_reported_down: false,
@@ -126,7 +126,7 @@ impl Flight {
         self.contacts.restore(report);
     }
 
-    /// Lets the sensor nodes that `report` serves share the time of the slot ([`Contacts::share_time`]).
+    /// Lets the sensor nodes that `report` serves share the time of the slot ([`SlotContacts::share_time`]).
     pub(crate) fn share_time(&mut self, report: &mut FlightReport) {
         self.contacts.share_time(&self.link, report);
     }
