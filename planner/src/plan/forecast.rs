@@ -358,6 +358,9 @@ impl<O: Objective<Style: ForecastStyle<O>>> Forecast<O> {
         self.trace = Trace::default();
         self.cost = self.store.clear(model);
         let inserted: Vec<(PlannedStop, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
+        let stops = inserted.len().min(self.window.slots as usize * model.table.limits.blocks());
+        self.change.trace.legs.reserve(stops);
+        self.change.trace.visits.reserve(stops);
         let cost = self.attempt(model, 0, 0, &inserted);
         self.accept(model, cost);
         self.cost = self.store.loaded(model, self.trace.legs.len(), cost);

@@ -114,6 +114,7 @@ impl<O: Objective> Store<O> for Timelines<O> {
         self.begin_at(self.begin); // the buffers are those before it again
         (self.begin..from).for_each(|index| self.touch_visited(index));
         (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));
+        self.fresh.reserve(visits.len());
         for (index, &visit) in (self.begin as u32..).zip(visits) {
             let Timeline { visits: own, nth, reached: before, .. } = self.touch(visit.sensor);
             match own.get_mut(*nth).filter(|own| (**own as usize) < from) {

@@ -33,6 +33,7 @@ pub struct Route {
 
 impl Route {
     /// The route from `from` [m] over `parts`, of which there is at least one, and what it takes from `battery`.
+    #[inline]
     #[must_use]
     pub fn new(from: Position, parts: impl IntoIterator<Item = RoutePart>, battery: Option<&Battery>) -> Self {
         let mut route = Self { from, parts: parts.into_iter().collect(), slots: 0, energy_j: 0.0 };
