@@ -3,8 +3,11 @@
 use std::fs;
 
 use iceoryx2::prelude::Service;
+use iceoryx2::sample::Sample;
 use skysink_common::checkpoint::{decode, encode};
-use skysink_common::message::{FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
+use skysink_common::message::{
+    FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, PathPoint, Plan, QueuesHeader, SlotHeader,
+};
 use skysink_common::pace::Pace;
 use skysink_common::possible::are_known_links;
 use skysink_common::scenario::Scenario;
@@ -18,6 +21,7 @@ use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::topic::Topic;
 use skysink_ring::topics::{Ring, is_release};
+use skysink_ring::wait::WaitContext;
 
 use crate::fleet::FleetPlanner;
 use crate::operator_counts::OperatorCounts;
@@ -52,6 +56,20 @@ const COUNTS: &str = "operators";
 pub fn counts(folder: &RingFolder) -> Vec<(String, OperatorCounts)> {
     let bytes = fs::read(folder.path().join(COUNTS)).unwrap_or_default();
     decode(&bytes).unwrap_or_default()
+}
+
+/// Writes the file that [`counts`] reads.
+fn write_counts(folder: &RingFolder, planner: &FleetPlanner) -> Result<(), RingError> {
+    let mut bytes = Vec::new();
+    encode(&planner.counts(), &mut bytes);
+    let path = folder.path().join(COUNTS);
+    fs::write(&path, bytes).map_err(|source| RingError::Journal { path, source })
+}
+
+/// The planned paths of `uavs` UAVs, of those that plan more than the next waypoint.
+fn path_points(planner: &FleetPlanner, uavs: usize) -> Vec<PathPoint> {
+    let leading = (0..uavs).map(|uav| (uav, planner.path(uav))).filter(|(_, path)| path.len() > 1);
+    leading.flat_map(|(uav, path)| path.iter().map(move |point| PathPoint::of(uav, point))).collect()
 }
 
 /// A planner whose state is saved after each slot that it plans.
@@ -91,6 +109,49 @@ impl Journaled {
     }
 }
 
+/// What a planner receives in each slot.
+struct Inputs<S: Service + 'static> {
+    queues: Reader<S, [u32], QueuesHeader>,
+    flights: Reader<S, [FlightReport], SlotHeader>,
+    links: Option<Reader<S, [HeardLink], SlotHeader>>,
+}
+
+impl<S: Service + 'static> Inputs<S> {
+    /// The queues of the newest slot; `state` are those of an older one. Only that slot is planned, because plans for
+    /// past slots are void. The contacts of the others, from `next` on, still update the estimate.
+    fn catch_up(
+        &mut self,
+        journaled: &mut Journaled,
+        mut state: Sample<S, [u32], QueuesHeader>,
+        next: u64,
+        are_known: &dyn Fn(u64, &[HeardLink]) -> bool,
+    ) -> Result<Sample<S, [u32], QueuesHeader>, NodeError> {
+        while let Some(newer) = self.queues.next_sample()? {
+            let older = std::mem::replace(&mut state, newer);
+            let slot = older.user_header().head.slot;
+            if slot >= next
+                && let SlotSample::Available(flights) = self.flights.poll_slot(slot)?
+            {
+                journaled.resume(slot + 1)?;
+                let heard = self.links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
+                let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
+                journaled.planner.hear(heard.as_deref().unwrap_or_default());
+                journaled.planner.observe(slot, &flights, older.payload());
+            }
+        }
+        Ok(state)
+    }
+
+    /// What the UAVs hear after `slot`; `None` if that has passed, or they hear nothing.
+    fn heard(
+        &mut self,
+        wait: &mut WaitContext,
+        slot: u64,
+    ) -> Result<Option<Sample<S, [HeardLink], SlotHeader>>, NodeError> {
+        self.links.as_mut().map_or(Ok(None), |links| links.wait_for_slot(wait, slot))
+    }
+}
+
 /// Plans until the mission ends. A restarted process resumes from its journal, and repeats its plans.
 ///
 /// # Errors
@@ -125,9 +186,11 @@ fn run_with<S: Service + 'static>(
     let paths = has_path.then(|| ring.path.list_writer(scenario.uav.uavs() * MAX_PATH_POINTS)).transpose()?;
     let uavs = scenario.uav.uavs();
     let plans = ring.plan.list_writer(uavs)?;
-    let mut queues = ring.queues.reader()?; // the planner maintains its own estimate
-    let mut flights = ring.flight.reader()?;
-    let mut links = ring.links.as_ref().map(Topic::reader).transpose()?;
+    let mut inputs = Inputs {
+        queues: ring.queues.reader()?, // the planner maintains its own estimate
+        flights: ring.flight.reader()?,
+        links: ring.links.as_ref().map(Topic::reader).transpose()?,
+    };
 
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -148,31 +211,14 @@ fn run_with<S: Service + 'static>(
     };
     let mut next = 0;
     loop {
-        let mut state = queues.wait_for_next(&mut wait, next)?;
+        let mut state = inputs.queues.wait_for_next(&mut wait, next)?;
         if is_paced {
-            // Only the newest slot is planned, because plans for past slots are void. The contacts of the others still
-            // update the estimate.
-            while let Some(newer) = queues.next_sample()? {
-                let older = std::mem::replace(&mut state, newer);
-                let slot = older.user_header().head.slot;
-                if slot >= next
-                    && let SlotSample::Available(flights) = flights.poll_slot(slot)?
-                {
-                    journaled.resume(slot + 1)?;
-                    let heard = links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
-                    let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
-                    journaled.planner.hear(heard.as_deref().unwrap_or_default());
-                    journaled.planner.observe(slot, &flights, older.payload());
-                }
-            }
+            state = inputs.catch_up(&mut journaled, state, next, &are_known)?;
         }
         let SlotHeader { slot, flags, .. } = state.user_header().head;
         if flags & FLAG_END != 0 {
             journaled.resume(slot + 1)?; // a planner that was restarted after its last plan has none
-            let mut bytes = Vec::new();
-            encode(&journaled.planner.counts(), &mut bytes);
-            let path = folder.path().join(COUNTS);
-            fs::write(&path, bytes).map_err(|source| RingError::Journal { path, source })?;
+            write_counts(folder, &journaled.planner)?;
             break;
         }
         if slot < next {
@@ -184,22 +230,16 @@ fn run_with<S: Service + 'static>(
         }
         // The flight may arrive after the queues, if its writer waits for another reader. A flight that has passed was
         // sent before this process joined, and the ring has its plan.
-        let Some(flown) = flights.wait_for_slot(&mut wait, slot)? else { continue };
-        let heard = match &mut links {
-            Some(links) => links.wait_for_slot(&mut wait, slot)?,
-            None => None,
-        };
-        let heard = heard.filter(|heard| are_known(slot, heard));
+        let Some(flown) = inputs.flights.wait_for_slot(&mut wait, slot)? else { continue };
+        let heard = inputs.heard(&mut wait, slot)?.filter(|heard| are_known(slot, heard));
         next = slot + 1;
         let planned = journaled.plan(next, &flown, heard.as_deref().unwrap_or_default(), state.payload())?;
-        let leading = (0..uavs).map(|uav| (uav, journaled.planner.path(uav))).filter(|(_, path)| path.len() > 1);
-        let points: Vec<_> =
-            leading.flat_map(|(uav, path)| path.iter().map(move |point| PathPoint::of(uav, point))).collect();
+        let points = path_points(&journaled.planner, uavs);
         if let Some(paths) = paths.as_ref().filter(|_| !points.is_empty()) {
             paths.send_list(ring.header(next, 0), &points)?; // before the plan, so that its readers have the paths
         }
-        flights.receive_all()?; // repeated flights must not fill the buffer
-        links.iter_mut().try_for_each(Reader::receive_all)?;
+        inputs.flights.receive_all()?; // repeated flights must not fill the buffer
+        inputs.links.iter_mut().try_for_each(Reader::receive_all)?;
         plans.send_list(ring.header(next, 0), &planned)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))

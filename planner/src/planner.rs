@@ -195,7 +195,8 @@ impl Planner {
         let links = links.as_deref();
         table.exclude(&self.belief, queues_bits);
         let belief = believed(&mut self.belief, slot, table, queues_bits, scheduled, left_bits);
-        let (battery, timing) = (self.battery, self.timing);
+        let battery = self.battery;
+        let timing = self.timing;
         let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
         let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
         let plan = message(&view, &decision, mode);
@@ -235,7 +236,9 @@ impl Planner {
         let links = links.as_deref();
         table.exclude(belief, queues_bits);
         let belief = believed(belief, slot, table, queues_bits, &[], left_bits);
-        let (battery, timing, neighbours) = (self.battery, self.timing, Some(neighbours));
+        let battery = self.battery;
+        let timing = self.timing;
+        let neighbours = Some(neighbours);
         strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
     }
 

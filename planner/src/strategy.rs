@@ -99,9 +99,13 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 /// let scenario = Scenario::letter(Default::default()).unwrap();
 /// let list = SensorList::of(&scenario).unwrap();
 /// let OwnedSetup { scenario, table, stop, .. } = &OwnedSetup::new(scenario, &list.nodes()).unwrap();
-/// let (position, battery, queues_bits) = (scenario.start(), BatteryState::default(), list.queues_bits());
+/// let position = scenario.start();
+/// let battery = BatteryState::default();
+/// let queues_bits = list.queues_bits();
 /// let belief = Believed::known(0, &table.sensors, &queues_bits);
-/// let (timing, links, neighbours) = (Timing::Free, None, None);
+/// let timing = Timing::Free;
+/// let links = None;
+/// let neighbours = None;
 /// let view = View { slot: 1, position, battery, belief, table, timing, links, neighbours, stop };
 /// assert_eq!((view.ground(), view.value(3)), ([50.0, 50.0].into(), queues_bits[3])); // all weights are equal
 /// assert_eq!(view.values(&mut Vec::new()), queues_bits);

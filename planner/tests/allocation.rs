@@ -38,11 +38,13 @@ static ALLOCATOR: Counting = Counting;
 fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
     let list = SensorList::of(scenario).unwrap();
     let mut planner = Planner::new(scenario, &list.nodes()).unwrap();
-    let (mut position, mut altitude_m) = (scenario.start().xy(), scenario.uav.altitude_m);
+    let mut position = scenario.start().xy();
+    let mut altitude_m = scenario.uav.altitude_m;
     let requests_before = REQUESTS.get();
     for slot in 1..=300 {
         let plan = planner.step(slot, above(&position, altitude_m), &queues_bits);
-        (position, altitude_m) = (Position::new(plan.x_m, plan.y_m), plan.z_m);
+        position = Position::new(plan.x_m, plan.y_m);
+        altitude_m = plan.z_m;
         plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
         queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + sampled_bits).min(30_000));
         assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", scenario.planner.strategy);

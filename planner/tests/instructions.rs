@@ -28,7 +28,8 @@ fn fly(strategy: &'static str, count: u32) {
     let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
-    let (mut position, mut queues_bits) = (scenario.start().xy(), list.queues_bits());
+    let mut position = scenario.start().xy();
+    let mut queues_bits = list.queues_bits();
     for slot in 1..=SLOTS {
         let plan = counted(|| planner.step(slot, above(&position, 20.0), &queues_bits));
         position = Position::new(plan.x_m, plan.y_m);
@@ -59,7 +60,8 @@ fn look_ahead(keys: &str) {
     let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
-    let (mut at, mut queues_bits) = (scenario.start(), list.queues_bits());
+    let mut at = scenario.start();
+    let mut queues_bits = list.queues_bits();
     for slot in 1..=AHEAD_SLOTS + 1 {
         let plan = if slot == 1 {
             planner.step(slot, at, &queues_bits)
@@ -80,7 +82,8 @@ fn waypoints() {
     let ranges = [[4.0, 1.0], [-3.0, 5.0], [0.0, -6.0], [7.0, 2.0]].map(|[x_m, y_m]| disk(x_m, y_m, 10.0));
     let disks = [[disk(-20.0, 3.0, 30.0)].as_slice(), &ranges].concat();
     for number in 0..WAYPOINTS {
-        let (angle, radius_m) = (number as f64 * 0.7, number as f64 * 0.02);
+        let angle = number as f64 * 0.7;
+        let radius_m = number as f64 * 0.02;
         let target = Position::new(radius_m * angle.cos(), radius_m * angle.sin());
         black_box(counted(|| project(&target, &disks)));
     }

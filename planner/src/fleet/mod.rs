@@ -307,7 +307,8 @@ impl FleetPlanner {
             }
         }
         reservations.begin(members.iter().zip(flights).map(|(member, flight)| {
-            let (table, ground) = (&member.planner.table, flight.position().xy());
+            let table = &member.planner.table;
+            let ground = flight.position().xy();
             let has_ended = slot > member.last.saturating_add(table.motion.move_slots());
             (!has_ended || !table.is_home(&ground)).then_some(ground)
         }));

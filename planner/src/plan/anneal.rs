@@ -4,11 +4,11 @@
 use rand_chacha::ChaCha8Rng;
 use skysink_common::random::fraction;
 
-use super::forecast::Forecast;
+use super::forecast::{Forecast, ForecastStyle};
 use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
-use super::operators::{Draft, operators};
+use super::operators::{Draft, Operator};
 use crate::operator_counts::OperatorCounts;
 
 /// Slots ahead from which on changes have the full temperature.
@@ -19,6 +19,12 @@ const NEAR_FRACTION: f64 = 0.02;
 
 /// Steps between two checks whether a search is over.
 const CHECK_STEPS: u64 = 8;
+
+/// What a style says of a search.
+pub trait SearchStyle<O: Objective<Style = Self>>: ForecastStyle<O> {
+    /// The changes that a search proposes. The first inserts a stop, also into an empty plan.
+    const OPERATORS: &'static [Operator];
+}
 
 /// The temperature of a search: the cost that is accepted with probability 1/e.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +75,7 @@ fn steps_until(steps: u64, is_over: impl Fn() -> bool) -> impl Iterator<Item = u
 }
 
 /// Improves the plan of `forecast` by up to `steps` changes, and keeps the best plan in `best`, if it is wanted.
-pub fn anneal<O: Objective>(
+pub fn anneal<O: Objective<Style: SearchStyle<O>>>(
     model: &mut PlanModel,
     forecast: &mut Forecast<O>,
     cooling: Cooling,
@@ -87,9 +93,10 @@ pub fn anneal<O: Objective>(
         }
         let disks = model.disks.len();
         inserted.clear();
-        let (legs, start) = (&forecast.trace.legs[..], forecast.window.start);
+        let legs = &forecast.trace.legs[..];
+        let start = forecast.window.start;
         let mut draft = Draft { model, legs, start, open: &open, random: &mut *search.random, inserted: &mut inserted };
-        let (operator, replaced) = draft.draw(operators::<O>());
+        let (operator, replaced) = draft.draw(O::Style::OPERATORS);
         let counts = &mut search.counts[operator];
         counts.proposed += 1;
         let Some(replaced) = replaced else {
@@ -123,7 +130,7 @@ mod tests {
 
     use super::super::window::PlanningWindow;
 
-    use crate::plan::objective::Loss;
+    use crate::plan::loss::Loss;
     use crate::plan::tests::{model_of, window_of};
 
     #[test]

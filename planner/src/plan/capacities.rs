@@ -10,6 +10,9 @@ use crate::mission_table::MissionTable;
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 pub(super) const TABLE: usize = 64;
 
+/// Capacities by the squared distance, from 0 to that of the rim, in sight and not [bit].
+pub type CapacityTable = [[f64; TABLE + 1]; 2];
+
 /// The last entry of the inner fifth of the disk.
 const NEAR_STEPS: usize = TABLE / 5;
 
@@ -35,7 +38,7 @@ pub(super) fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
 /// of [`nearest_by_entry`]; of equals the lowest.
 ///
 /// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
-pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [[f64; TABLE + 1]; 2] {
+pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> CapacityTable {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;

@@ -1,7 +1,6 @@
 //! The look-ahead: the plan of least predicted cost over many slots, carried from slot to slot and improved in each.
 
 use std::marker::PhantomData;
-use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -11,18 +10,16 @@ use skysink_common::geometry::{Position, within};
 use skysink_common::message::FlightReport;
 use skysink_common::random::Streams;
 use skysink_common::sampling::Sampler;
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
+use super::anneal::SearchStyle;
 use super::forecast::Forecast;
 use super::groups::PlannedStop;
 use super::keys::{HorizonKeys, LookAheadPart};
 use super::model::PlanModel;
 use super::objective::Objective;
-use super::operators::operators;
-use super::other_visits::OtherVisits;
-use super::points::is_there;
 use super::sensor::noise_slots2;
-use super::start;
 use super::window::PlanningWindow;
 use crate::gap_costs::GapCosts;
 use crate::neighbours::PlannedVisit;
@@ -36,25 +33,6 @@ const LEAST_MEAN_BITS: f64 = 1e-3;
 /// Temperature of the first search.
 const FIRST_TEMPERATURE: f64 = 0.05;
 
-/// Most slots for which a long search before the first of them makes all but one in [`LEFT`] of the steps, where all is
-/// known.
-const ADVANCE_SLOTS: u64 = 500;
-const LEFT: u32 = 4;
-
-/// Most steps of the long search: some seconds, counted and not timed. Fewer where a step takes longer: by the factor
-/// of a battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
-const MOST_ADVANCED: u64 = 600_000;
-const BATTERY_EFFORT: u64 = 10;
-const ZONES_EFFORT: u64 = 3;
-const FLEET_EFFORT: u64 = 4;
-const EASY_SENSORS: usize = 200;
-
-/// How often the steps of a search are halved, at most, after searches in vain.
-const MOST_HALVINGS: u32 = 4;
-
-/// Standard deviations of position errors within which a UAV has arrived.
-const MOST_DEVIATIONS: f64 = 6.0;
-
 /// Longest planning window [slots] unless the scenario has another: four times the mission of the UTS letter.
 const MOST_SLOTS: u64 = 2_400;
 
@@ -67,8 +45,8 @@ pub struct CarriedPlan<O: Objective> {
     /// Slots of the mission.
     pub(super) slots: u64,
     pub(crate) keys: HorizonKeys,
-    /// How far from its waypoint a slot may end, where plans hover [m].
-    beside_m: f64,
+    /// How far from its waypoint a slot may end [m].
+    pub(super) beside_m: f64,
     /// What became of the proposals of each operator.
     pub(super) counts: Vec<OperatorCounts>,
     /// The slot of the last service of each SN, 0 before the first; empty unless ages count.
@@ -88,26 +66,71 @@ pub(super) struct PlanState {
     /// Whether it has searched.
     pub(super) has_begun: bool,
     /// The slot before which searches were made in part; 0 if they were not.
-    advanced: u64,
+    pub(super) advanced: u64,
     /// Whether the UAV is on its way to the first stop, where plans hover.
-    is_under_way: bool,
+    pub(super) is_under_way: bool,
     /// Searches in vain in a row, where plans hover: each next one takes half as many steps.
     pub(super) vain_searches: u32,
     /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
-    waypoint: Option<[f64; 2]>,
+    pub(super) waypoint: Option<[f64; 2]>,
 }
 
-/// The checkpoint of a look-ahead. Points, by their numbers, are positions [m] and sensors.
+/// A point in a checkpoint, by its number: its position [m] and sensor.
+pub type SavedPoint = ([f64; 2], u32);
+
+/// The checkpoint of a look-ahead.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     stops: Vec<PlannedStop>,
-    points: Vec<([f64; 2], u32)>,
+    points: Vec<SavedPoint>,
     state: PlanState,
     counts: Vec<OperatorCounts>,
     served: Vec<u32>,
 }
 
-impl<O: Objective> CarriedPlan<O> {
+/// What a style says of the slots of a mission.
+pub trait PlanStyle<O: Objective<Style = Self>>: SearchStyle<O> {
+    /// How far from its waypoint a slot may end [m].
+    fn beside_m(_scenario: &Scenario) -> f64 {
+        0.0
+    }
+
+    /// Completes the planning window of the slot of `view`.
+    fn complete(_plan: &CarriedPlan<O>, _view: &View, _window: &mut PlanningWindow<O>) {}
+
+    /// [`CarriedPlan::forecast`], for an updated model.
+    fn forecast(plan: &mut CarriedPlan<O>, view: &View) -> Option<Forecast<O>>;
+
+    /// [`CarriedPlan::has_plan`].
+    fn has_plan(plan: &CarriedPlan<O>) -> bool;
+
+    /// [`CarriedPlan::search`].
+    fn search(
+        plan: &mut CarriedPlan<O>,
+        view: &View,
+        forecast: &mut Forecast<O>,
+        first_steps: u64,
+        is_over: &dyn Fn() -> bool,
+    );
+
+    /// [`CarriedPlan::carry`].
+    fn carry(plan: &mut CarriedPlan<O>, forecast: &Forecast<O>, waypoint: &Position);
+
+    /// The stops of the model that a checkpoint saves: those that do not follow from the mission.
+    fn saved_points(_model: &PlanModel) -> Vec<SavedPoint> {
+        Vec::new()
+    }
+
+    /// The number of stops of the model with these saved points.
+    fn count_stops(model: &PlanModel, _points: &[SavedPoint]) -> usize {
+        model.disks.len()
+    }
+
+    /// Restores the stops of the model from checked points.
+    fn restore_points(_model: &mut PlanModel, _points: &[SavedPoint]) {}
+}
+
+impl<O: Objective<Style: PlanStyle<O>>> CarriedPlan<O> {
     /// The look-ahead before slot 1.
     ///
     /// If sampling rates are learnt, all SNs can lose data, at their estimated rates. The setup's stop ends the search
@@ -134,8 +157,8 @@ impl<O: Objective> CarriedPlan<O> {
             streams: Streams::new(scenario.seed),
             slots: scenario.slots,
             keys,
-            beside_m: if O::HOVERS { MOST_DEVIATIONS * scenario.uav.position_error_m.unwrap_or(0.0) } else { 0.0 },
-            counts: vec![OperatorCounts::default(); operators::<O>().len()],
+            beside_m: O::Style::beside_m(scenario),
+            counts: vec![OperatorCounts::default(); O::Style::OPERATORS.len()],
             served: if O::COUNTS_AGES { vec![0; sensors.count()] } else { Vec::new() },
             stops: Vec::new(),
             state: PlanState { temperature: FIRST_TEMPERATURE, ..PlanState::default() },
@@ -196,36 +219,20 @@ impl<O: Objective> CarriedPlan<O> {
     }
 
     /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose
-    /// data. Where plans hover there is none before [`Self::begin_at_points`].
+    /// data.
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast<O>> {
         self.update_sensors(view);
-        let model = &mut self.model;
-        model.pad_waits = view.pad_waits();
-        if !O::HOVERS {
-            let intents = view.intents().unwrap_or_default();
-            model.others = OtherVisits::of(intents, &model.ids, &model.sensors, view.slot);
-            if model.sensors.is_empty() {
-                return None;
-            }
-        }
-        let mut forecast = Forecast::new(&self.model, self.window(view));
-        if O::HOVERS {
-            forecast.load(&self.model, self.stops.iter().copied());
-        } else if self.stops.is_empty() {
-            start::begin(&self.model, &mut forecast);
-        } else {
-            forecast.load(&self.model, self.stops.iter().copied());
-            start::extend(&self.model, &mut forecast);
-        }
-        Some(forecast)
+        self.model.pad_waits = view.pad_waits();
+        O::Style::forecast(self, view)
     }
 
     /// The visits of the plan of `forecast`, from the slot of `view` on.
     pub fn visits(&self, view: &View, forecast: &Forecast<O>) -> Vec<PlannedVisit> {
         let mut levels = forecast.window.levels.clone();
         let planned = forecast.visits().map(|visit| {
-            let (index, slot) = (visit.sensor as usize, f64::from(visit.slot));
+            let index = visit.sensor as usize;
+            let slot = f64::from(visit.slot);
             let sensor = &self.model.sensors[index];
             let (units, left) = O::visit(sensor, levels[index], slot, visit.capacity);
             levels[index] = left;
@@ -243,97 +250,26 @@ impl<O: Objective> CarriedPlan<O> {
         self.state.has_begun
     }
 
-    /// Whether it has searched, or carries a plan from the slot before.
+    /// Whether it carries a plan from the slot before.
     pub fn has_plan(&self) -> bool {
-        if O::HOVERS { self.state.has_begun } else { !self.stops.is_empty() }
+        O::Style::has_plan(self)
     }
 
-    /// Loads a first plan that hovers: see [`start::begin_at_points`]. `offered` are points, each with a sensor by its
-    /// id.
-    pub fn begin_at_points(
-        &mut self,
-        view: &View,
-        forecast: &mut Forecast<O>,
-        offered: &[(Position, u32)],
-        is_over: &dyn Fn() -> bool,
-    ) {
-        let mut turns = self.model.table.turns(view.stop).as_ref().clone();
-        turns.begin_near(|point| self.model.table.motion.distance_m2(point, &forecast.window.start));
-        let number = |id: &u32| self.model.ids.binary_search(id).ok();
-        let offered: Vec<(Position, u32)> =
-            offered.iter().filter_map(|(at, id)| number(id).map(|sensor| (*at, sensor as u32))).collect();
-        let offered = offered.into_iter().map(|(at, sensor)| self.model.add_point(sensor, at, 0)).collect();
-        start::begin_at_points(&mut self.model, forecast, &turns, offered, is_over);
-    }
-
-    /// Improves the plan of `forecast` in the steps of its keys, `first_steps` where plans hover and it is the first.
+    /// Improves the plan of `forecast` in the steps of its keys, or in `first_steps`, by the style.
     ///
     /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the
-    /// result depends only on the view and the carried plan. Where all is known, the first search makes most of the
-    /// steps of the slots after it, which have fewer then.
+    /// result depends only on the view and the carried plan.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
-        if O::HOVERS {
-            let is_first = !self.state.has_begun;
-            let steps = u64::from(self.keys.iterations);
-            let halved = steps >> self.state.vain_searches.min(MOST_HALVINGS);
-            let steps = if is_first { first_steps } else { halved.max(steps.min(1)) };
-            self.state.has_begun = true;
-            return self.improve_points(view.slot, steps, is_first, forecast, is_over);
-        }
-        let steps = self.keys.iterations;
-        let left = steps.div_ceil(LEFT);
-        if !self.state.has_begun && view.is_certain() {
-            let advanced = u64::from(steps - left);
-            let most = (self.most_advanced(view) / advanced.max(1)).min(forecast.window.slots as u64);
-            let slots = most.min(ADVANCE_SLOTS);
-            let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            if self.prepare(view, forecast, advanced * slots, watch).is_some() {
-                self.state.advanced = view.slot + slots;
-            }
-        }
-        self.state.has_begun = true;
-        self.improve(view.slot, if view.slot < self.state.advanced { left } else { steps }, forecast, is_over);
+        O::Style::search(self, view, forecast, first_steps, is_over);
     }
 
-    /// Carries the part of the plan of `forecast` after the slot of `view`, whose waypoint is `waypoint` [m]; where
-    /// plans hover all stops that are left.
+    /// Carries the part of the plan of `forecast` after the slot of `view`, whose waypoint is `waypoint` [m].
     pub fn carry(&mut self, forecast: &Forecast<O>, waypoint: &Position) {
-        let legs = &forecast.trace.legs;
-        self.stops.clear();
-        if !O::HOVERS {
-            self.stops.extend(legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
-            return;
-        }
-        let first = legs.partition_point(|leg| leg.end == 0);
-        self.stops.extend(legs[first..].iter().map(|leg| leg.stop));
-        self.state.is_under_way = legs.get(first).is_some_and(|leg| leg.via.is_none());
-        if let Some(stop) = self.stops.first_mut().filter(|_| self.state.is_under_way)
-            && is_there(&forecast.window.start, waypoint)
-        {
-            stop.hovers = stop.hovers.saturating_sub(1);
-        }
-        self.state.waypoint = (self.beside_m > 0.0 && self.state.is_under_way).then_some((*waypoint).into());
-        self.model.keep_points(&mut self.stops);
-    }
-
-    /// Keeps the plan of `forecast`, of which nothing is flown yet, for the slot that it begins with.
-    pub(crate) fn keep(&mut self, forecast: &Forecast<O>) {
-        self.stops = forecast.stops();
-        self.model.keep_points(&mut self.stops);
-    }
-
-    /// Most steps of the long search.
-    fn most_advanced(&self, view: &View) -> u64 {
-        let table = &self.model.table;
-        let sensors = self.model.sensors.len().div_ceil(EASY_SENSORS).max(1) as u64;
-        let zones = if table.airspace.is_open() { 1 } else { ZONES_EFFORT };
-        let battery = if table.home.way().is_some() { BATTERY_EFFORT } else { 1 };
-        let fleet = if view.intents().is_some() { FLEET_EFFORT } else { 1 };
-        MOST_ADVANCED / (sensors * zones * battery * fleet)
+        O::Style::carry(self, forecast, waypoint);
     }
 
     /// The planning window that starts at the slot of `view`.
-    fn window(&self, view: &View) -> PlanningWindow<O> {
+    pub(super) fn window(&self, view: &View) -> PlanningWindow<O> {
         let left = (self.slots + 1).saturating_sub(view.slot).max(1);
         let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
         // A UAV beside its waypoint has arrived: otherwise a hover would never be over.
@@ -345,32 +281,21 @@ impl<O: Objective> CarriedPlan<O> {
         let mut window =
             PlanningWindow::new(&self.model, start, view.belief.queues_bits, age_slots, slots, left - slots)
                 .with_battery(view.slot.saturating_sub(1), view.battery.energy_j);
-        if O::HOVERS {
-            window.under_way = self.stops.first().filter(|_| self.state.is_under_way).map(|stop| stop.disk);
-            // What other UAVs will take is theirs.
-            for visit in view.intents().unwrap_or_default() {
-                if let Ok(sensor) = self.model.ids.binary_search(&visit.sensor) {
-                    let slot = (visit.slot + 1).saturating_sub(view.slot) as f64;
-                    window.levels[sensor] =
-                        O::leave(&self.model.sensors[sensor], window.levels[sensor], slot, visit.bits);
-                }
-            }
-        }
+        O::Style::complete(self, view, &mut window);
         window
     }
 
     /// What became of the proposals of each operator, by its name.
     pub fn counts(&self) -> impl Iterator<Item = (&'static str, &OperatorCounts)> {
-        operators::<O>().iter().map(|operator| operator.name).zip(&self.counts)
+        O::Style::OPERATORS.iter().map(|operator| operator.name).zip(&self.counts)
     }
 }
 
-impl<O: Objective> Checkpoint for CarriedPlan<O> {
+impl<O: Objective<Style: PlanStyle<O>>> Checkpoint for CarriedPlan<O> {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let points = self.model.disks.iter().filter(|_| O::HOVERS);
         let saved = Saved {
             stops: self.stops.clone(),
-            points: points.map(|point| (point.disk.centre.into(), point.members[0])).collect(),
+            points: O::Style::saved_points(&self.model),
             state: self.state.clone(),
             counts: self.counts.clone(),
             served: self.served.clone(),
@@ -381,20 +306,19 @@ impl<O: Objective> Checkpoint for CarriedPlan<O> {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let Saved { stops, points, state, counts, served } = decode(bytes)?;
         CheckpointError::ensure((0.0..=1.0).contains(&state.temperature), "a temperature from 0 to 1")?;
-        let disks = if O::HOVERS { points.len() } else { self.model.disks.len() };
+        let disks = O::Style::count_stops(&self.model, &points);
         CheckpointError::ensure(stops.iter().all(|stop| (stop.disk as usize) < disks), "stops of this field")?;
         let is_point = |point: &[f64; 2]| point.iter().all(|coordinate_m| coordinate_m.is_finite());
-        let is_known =
-            |(point, sensor): &([f64; 2], u32)| (*sensor as usize) < self.model.sensors.len() && is_point(point);
+        let is_known = |(point, sensor): &SavedPoint| (*sensor as usize) < self.model.sensors.len() && is_point(point);
         CheckpointError::ensure(points.iter().all(is_known), "points of this field")?;
         CheckpointError::ensure(state.waypoint.iter().all(is_point), "a waypoint")?;
         CheckpointError::ensure(counts.len() == self.counts.len(), "the operators of this objective")?;
         CheckpointError::ensure(served.len() == self.served.len(), "a service of each sensor node")?;
-        if O::HOVERS {
-            self.model.disks.clear();
-            points.iter().for_each(|(point, sensor)| _ = self.model.add_point(*sensor, (*point).into(), 0));
-        }
-        (self.stops, self.state, self.counts, self.served) = (stops, state, counts, served);
+        O::Style::restore_points(&mut self.model, &points);
+        self.stops = stops;
+        self.state = state;
+        self.counts = counts;
+        self.served = served;
         Ok(())
     }
 }

@@ -2,17 +2,15 @@
 
 use std::cmp::Ordering;
 
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::Position;
 
 use super::groups::PlannedStop;
-use super::model::PlanModel;
+use super::model::{ModelStyle, PlanModel};
 use super::objective::Objective;
+use crate::geometry::disks::Disk;
 use crate::route::motion::MOST_SLOTS;
 use crate::route::route::{Route, RoutePart};
 use crate::route::way_home::WayHome;
-
-/// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
-const RANGE_SLACK: f64 = 0.5e-9;
 
 /// One sensor served in one slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,17 +129,23 @@ pub fn serve<O: Objective>(model: &PlanModel, level: &mut O::Level, visit: &Visi
 
 /// A sensor in range at the end of a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Candidate {
+pub struct Candidate {
     sensor: u32,
     /// The most that a visit takes.
     capacity: f64,
-    /// What a visit saves; infinite for the members of the stop.
+    /// What a visit saves; infinite for those that are served before all others.
     saved: f64,
     /// Of equals the least counts.
     left: f64,
 }
 
 impl Candidate {
+    /// The sensor, of which a visit takes `capacity` at most.
+    #[inline]
+    pub(super) fn new(sensor: u32, capacity: f64) -> Self {
+        Self { sensor, capacity, saved: 0.0, left: 0.0 }
+    }
+
     /// Most saved first; ties by the least room, then by the lowest number.
     fn order(a: &Self, b: &Self) -> Ordering {
         b.saved.total_cmp(&a.saved).then(a.left.total_cmp(&b.left)).then(a.sensor.cmp(&b.sensor))
@@ -169,10 +173,42 @@ pub struct Decoder {
     found: Vec<Candidate>,
 }
 
+/// What a style says of the flight to a stop.
+pub trait DecoderStyle<O: Objective>: ModelStyle<O> {
+    /// The route from `from` into `disk`, as near to `near` as possible; `None` if there is none.
+    fn enter(model: &PlanModel, from: &Position, disk: &Disk, near: &Position) -> Option<Route>;
+
+    /// The sensors of `stop` that are served at its end before all others.
+    fn served_first(model: &PlanModel, stop: PlannedStop) -> &[u32];
+
+    /// Stays at `stop`, up to slot `last`; returns what that costs.
+    fn stay(
+        _decoder: &mut Decoder,
+        _model: &PlanModel,
+        _stop: PlannedStop,
+        _last: i32,
+        _buffers: &mut impl Buffers<O>,
+        _visits: &mut Vec<Visit>,
+    ) -> f64 {
+        0.0
+    }
+
+    /// Energy beyond the way home from `at` [m] and the reserve, with `energy_j` [J] after `slot` [J].
+    fn margin_j(model: &PlanModel, home: &WayHome, slot: u64, energy_j: f64, at: &Position) -> f64;
+
+    /// Finds the sensors that can be served from above `at` [m], with `first` before all others.
+    fn in_range(model: &PlanModel, first: &[u32], at: &Position, found: &mut Vec<Candidate>);
+
+    /// Whether a service that costs `cost` is a visit of the plan.
+    fn is_visit(_cost: f64) -> bool {
+        true
+    }
+}
+
 impl Decoder {
     /// Flies to `stop`, as near to the stop `next` as possible, and serves sensors in range at the end of each slot.
     /// Returns what the gaps before the visits cost; `None`, without a change, if it would arrive after slot `last`.
-    pub fn fly<O: Objective>(
+    pub fn fly<O: Objective<Style: DecoderStyle<O>>>(
         &mut self,
         model: &PlanModel,
         stop: PlannedStop,
@@ -181,13 +217,11 @@ impl Decoder {
         buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
-        (self.via, self.hovered) = (None, 0);
+        self.via = None;
+        self.hovered = 0;
         let disk = model.disk(stop.disk);
         let near = &model.disk(next.unwrap_or(stop).disk).centre;
-        let enter = |from: &Position| match O::HOVERS {
-            true => model.route_to_point(from, disk),
-            false => model.table.motion.enter(from, disk, near),
-        };
+        let enter = |from: &Position| O::Style::enter(model, from, disk, near);
         let mut route = enter(&self.at);
         let mut cost = 0.0;
         let home = model.table.home.way();
@@ -204,7 +238,9 @@ impl Decoder {
             // Whether the stop can be served from the base, with what it charges.
             self.leave_base(home, &visit, back.energy_j());
             margin_j = self.next_margin_j::<O>(model, &from_base);
-            (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
+            self.at = at;
+            self.slot = slot;
+            self.energy_j = energy_j;
             if margin_j < 0.0 {
                 // It is left out, unless the base does not charge: then the flights end.
                 return home.battery_at(&visit.at).is_charged().then_some(0.0);
@@ -219,20 +255,17 @@ impl Decoder {
             return None;
         }
         self.margin_j = margin_j;
-        let members = &model.disks[stop.disk as usize].members;
-        cost += self.fly_along::<O>(model, &route, members, buffers, visits);
-        if O::HOVERS {
-            cost += self.hover::<O>(model, stop, last, buffers, visits);
-        }
-        Some(cost)
+        cost += self.fly_along::<O>(model, &route, O::Style::served_first(model, stop), buffers, visits);
+        Some(cost + O::Style::stay(self, model, stop, last, buffers, visits))
     }
 
-    /// Flies along `route`, and serves `members` from its end. Returns what the gaps before the visits cost.
-    pub fn fly_along<O: Objective>(
+    /// Flies along `route`, and serves `first` before all others at its end. Returns what the gaps before the visits
+    /// cost.
+    pub fn fly_along<O: Objective<Style: DecoderStyle<O>>>(
         &mut self,
         model: &PlanModel,
         route: &Route,
-        members: &[u32],
+        first: &[u32],
         buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> f64 {
@@ -249,76 +282,15 @@ impl Decoder {
         self.at = route.end();
         self.slot = begin + route.slots() as i32;
         self.energy_j -= route.energy_j();
-        cost + self.serve_in_range::<O>(model, members, buffers, visits)
-    }
-
-    /// Hovers at `stop` until its sensor has nothing left, as often as the stop says, and as a way home is left.
-    fn hover<O: Objective>(
-        &mut self,
-        model: &PlanModel,
-        stop: PlannedStop,
-        last: i32,
-        buffers: &mut impl Buffers<O>,
-        visits: &mut Vec<Visit>,
-    ) -> f64 {
-        let sensor = model.disks[stop.disk as usize].members[0] as usize;
-        let least_bits = 1.5 * model.sensors[sensor].mean_bits + 0.5;
-        let wait = model.table.motion.wait(&self.at);
-        let mut cost = 0.0;
-        for _ in 0..stop.hovers {
-            let there_bits = O::queue_bits(&model.sensors[sensor], buffers.level(sensor), f64::from(self.slot + 1));
-            let margin_j = self.next_margin_j::<O>(model, &wait);
-            if there_bits < least_bits || wait.slots() as i32 > last - self.slot || margin_j < 0.0 {
-                break;
-            }
-            self.margin_j = margin_j;
-            self.hovered += wait.slots() as i32;
-            cost += self.fly_along::<O>(model, &wait, &[], buffers, visits);
-        }
-        cost
-    }
-
-    /// Flies home at the end of a plan that hovers, and stays there as long as that delivers something, unless the UAV
-    /// charges. Returns what that costs, with `slot_cost` for every slot in the air.
-    pub fn finish<O: Objective>(
-        &mut self,
-        model: &PlanModel,
-        last: i32,
-        slot_cost: f64,
-        buffers: &mut impl Buffers<O>,
-        visits: &mut Vec<Visit>,
-    ) -> f64 {
-        let mut cost = 0.0;
-        let home = model.table.home.way();
-        if let Some(route) = model.route_home(self.flown_slots + self.slot as u64, &self.at)
-            && i64::from(route.slots()) <= i64::from(last - self.slot)
-        {
-            cost += self.fly_along::<O>(model, &route, &[], buffers, visits);
-        }
-        cost += slot_cost * f64::from(self.slot);
-        if home.is_none_or(|home| home.battery.is_endless()) {
-            while self.slot < last {
-                self.slot += 1;
-                let more = self.serve_in_range::<O>(model, &[], buffers, visits);
-                cost += more;
-                if more == 0.0 && !model.has_sampling {
-                    break;
-                }
-            }
-        }
-        cost
+        cost + self.serve_in_range::<O>(model, first, buffers, visits)
     }
 
     /// Energy beyond the way home and the reserve after a flight along `route` [J].
-    fn next_margin_j<O: Objective>(&self, model: &PlanModel, route: &Route) -> f64 {
+    pub(super) fn next_margin_j<O: Objective<Style: DecoderStyle<O>>>(&self, model: &PlanModel, route: &Route) -> f64 {
         let Some(home) = model.table.home.way() else { return f64::INFINITY };
         let energy_j = self.energy_j - route.energy_j();
         let slot = self.flown_slots + self.slot as u64 + u64::from(route.slots());
-        if O::HOVERS {
-            model.margin_j(home, slot, energy_j, &route.end())
-        } else {
-            home.margin_j(slot, energy_j, &route.end())
-        }
+        O::Style::margin_j(model, home, slot, energy_j, &route.end())
     }
 
     /// The visit to the base that begins now, and the way there; `pad_waits` are the slots after which each site has a
@@ -328,7 +300,8 @@ impl Decoder {
         let route = home.route(flown, &self.at);
         // Longer than any mission if there is none.
         let route = route.unwrap_or_else(|| Route::new(self.at, [RoutePart { end: self.at, slots: MOST_SLOTS }], None));
-        let (slots, at) = (route.slots().min(MOST_SLOTS) as i32, route.end());
+        let slots = route.slots().min(MOST_SLOTS) as i32;
+        let at = route.end();
         if home.battery.is_endless() {
             return (BaseVisit { slots, charged: 0, waited: 0, at }, route);
         }
@@ -348,60 +321,47 @@ impl Decoder {
         self.at = visit.at;
     }
 
-    /// Serves `members`, and of the other sensors in range those whose visits save most; where visits cost energy none
-    /// that saves nothing.
-    fn serve_in_range<O: Objective>(
+    /// Serves `first`, and of the other sensors in range those whose visits save most.
+    pub(super) fn serve_in_range<O: Objective<Style: DecoderStyle<O>>>(
         &mut self,
         model: &PlanModel,
-        members: &[u32],
+        first: &[u32],
         buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> f64 {
-        let slot = self.slot;
         let blocks = model.table.limits.blocks();
-        let found = &mut self.found;
-        found.clear();
-        let at = &self.at;
-        let candidate = |sensor, capacity| Candidate { sensor, capacity, saved: 0.0, left: 0.0 };
-        let linked = |sensor: u32, d2_m2: f64| candidate(sensor, model.capacity_at::<O>(sensor, d2_m2, at));
-        if O::HOVERS {
-            model.links(at).iter().for_each(|&(sensor, capacity)| found.push(candidate(sensor, capacity)));
-        } else if members.len() == blocks {
-            let away_m2 = |&sensor: &u32| distance_squared(model.table.sensors.position(sensor), at);
-            found.extend(members.iter().map(|sensor| linked(*sensor, away_m2(sensor))));
-        } else {
-            let range_m = model.table.limits.comm_radius_m * (1.0 + RANGE_SLACK);
-            model.table.sensors.grid.visit(at, range_m, |node, d2_m2| found.push(linked(node.id, d2_m2)));
-        }
-        if found.len() > blocks {
-            for candidate in found.iter_mut() {
-                let sensor = candidate.sensor as usize;
-                let level = model.level_at::<O>(sensor, f64::from(slot), buffers.level(sensor));
-                if !O::HOVERS && members.contains(&candidate.sensor) {
-                    candidate.saved = f64::INFINITY;
-                } else {
-                    (candidate.saved, candidate.left) = O::saving(
-                        &model.sensors[sensor],
-                        level,
-                        f64::from(slot),
-                        candidate.capacity,
-                        model.round_slots,
-                    );
-                }
-            }
-            found.select_nth_unstable_by(blocks - 1, Candidate::order);
-            found.truncate(blocks);
+        self.found.clear();
+        O::Style::in_range(model, first, &self.at, &mut self.found);
+        if self.found.len() > blocks {
+            self.rate::<O>(model, first, buffers);
+            self.found.select_nth_unstable_by(blocks - 1, Candidate::order);
+            self.found.truncate(blocks);
         }
         let mut cost = 0.0;
-        for &Candidate { sensor, capacity, .. } in found.iter() {
-            let visit = Visit { sensor, slot, capacity };
+        for &Candidate { sensor, capacity, .. } in &self.found {
+            let visit = Visit { sensor, slot: self.slot, capacity };
             let more = buffers.serve(model, &visit);
             cost += more;
-            // Of an empty buffer there is nothing to fetch.
-            if !O::HOVERS || more != 0.0 {
+            if O::Style::is_visit(more) {
                 visits.push(visit);
             }
         }
         cost
+    }
+
+    /// Determines what visits of the sensors in range save; those of `first` come before all others.
+    #[inline]
+    fn rate<O: Objective>(&mut self, model: &PlanModel, first: &[u32], buffers: &impl Buffers<O>) {
+        let slot = f64::from(self.slot);
+        for candidate in &mut self.found {
+            if first.contains(&candidate.sensor) {
+                candidate.saved = f64::INFINITY;
+                continue;
+            }
+            let index = candidate.sensor as usize;
+            let sensor = &model.sensors[index];
+            let level = model.level_at::<O>(index, slot, buffers.level(index));
+            (candidate.saved, candidate.left) = O::saving(sensor, level, slot, candidate.capacity, model.round_slots);
+        }
     }
 }

@@ -14,80 +14,163 @@
 //! ```
 //!
 //! Of the sensors those count that the plan or the change visits in the flown part, and those of the repeated part if
-//! it is shifted: see [`Timelines`]. Where plans hover, legs depend on the buffers: all that follows a change is flown,
-//! from the last of the stored [`States`] before it on.
+//! it is shifted: see [`Timelines`](super::timelines::Timelines). Where plans hover, legs depend on the buffers: all that
+//! follows a change is flown, from the last of the stored [`States`](super::states::States) before it on.
+
+use std::fmt::Debug;
 
 use skysink_common::geometry::Position;
 
-use super::decoder::{Buffers, Decoder, Leg, Trace, Visit};
+use super::decoder::{Buffers, Decoder, DecoderStyle, Leg, Trace, Visit};
 use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
-use super::sensor::SensorModel;
-use super::states::States;
-use super::timelines::{Rest, Timelines};
 use super::window::PlanningWindow;
 
 /// Marks an inserted stop without a corresponding leg in the old plan.
 pub const FRESH: u32 = u32::MAX;
 
-/// Most stops in sequence that are left out because the battery does not reach them; a plan ends with more.
-const MOST_LEFT_OUT: usize = 64;
-
 /// An attempted change: `trace` replaces the legs `from..rest` of the old trace, and the rest is `shift` slots later.
 #[derive(Debug, Clone, Default)]
-struct Change {
-    from: usize,
-    trace: Trace,
+pub struct Change {
+    pub(super) from: usize,
+    pub(super) trace: Trace,
     rest: usize,
     shift: i32,
     /// Additional energy [J] at the beginning of the rest.
     more_j: f64,
 }
 
+/// The stops of a changed plan from leg `start` of the old plan on: its stops up to the change, those that are inserted,
+/// and its stops from `to` on.
+struct ChangedStops<'a> {
+    start: usize,
+    /// Stops before the change.
+    before: usize,
+    inserted: &'a [(PlannedStop, u32)],
+    to: usize,
+}
+
+impl ChangedStops<'_> {
+    /// Stops before those of the old plan that follow the change.
+    fn changed(&self) -> usize {
+        self.before + self.inserted.len()
+    }
+
+    /// The stop after `step` others, and its index in the old plan, which has these `legs`, or [`FRESH`].
+    #[inline]
+    fn get(&self, legs: &[Leg], step: usize) -> Option<(PlannedStop, u32)> {
+        let Self { start, before, inserted, to } = *self;
+        if (before..self.changed()).contains(&step) {
+            return Some(inserted[step - before]);
+        }
+        let old = if step < before { start + step } else { to + step - self.changed() };
+        legs.get(old).map(|leg| (leg.stop, old as u32))
+    }
+}
+
+/// What follows a change: the visits of the plan from index `from` up to `until`, `shift` slots later.
+#[derive(Debug, Clone, Copy)]
+pub struct Rest {
+    /// The first of them.
+    pub from: usize,
+    /// The one after the last of them.
+    pub until: usize,
+    /// Slots by which they are later.
+    pub shift: i32,
+}
+
+/// The buffers of a plan, and of a change of it.
+pub trait Store<O: Objective>: Buffers<O> + Debug + Clone {
+    /// Those of an empty plan over `window`.
+    fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self;
+
+    /// Removes all visits of the plan; returns what it then costs.
+    fn clear(&mut self, model: &PlanModel) -> f64;
+
+    /// Begins a change of `plan`, which costs `cost`, before its leg `leg`. Returns the cost to which
+    /// [`ForecastStyle::end`] and the legs from there on are added.
+    fn begin(&mut self, model: &PlanModel, plan: &Trace, leg: usize, cost: f64) -> f64;
+
+    /// Replaces the visits between leg `leg`, where the change begins, and `rest` by `visits`.
+    fn accept(&mut self, model: &PlanModel, leg: usize, visits: &[Visit], rest: Rest);
+
+    /// Prepares for the search from a loaded plan of `legs` legs, which costs `cost`; returns its cost, with less
+    /// rounding.
+    fn loaded(&mut self, model: &PlanModel, legs: usize, cost: f64) -> f64;
+}
+
+/// What a style says of a plan and of changes of it.
+pub trait ForecastStyle<O: Objective<Style = Self>>: DecoderStyle<O> + Sized {
+    /// The buffers of a plan.
+    type Store: Store<O>;
+
+    /// The sensors that have, or will have, data, and their queues at the beginning [bit], for the operators.
+    fn open(_model: &PlanModel, _window: &PlanningWindow<O>) -> Vec<(u32, f64)> {
+        Vec::new()
+    }
+
+    /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before
+    /// it is.
+    #[inline]
+    fn is_as_before(
+        _forecast: &Forecast<O>,
+        _model: &PlanModel,
+        _change: &Change,
+        _old: u32,
+        _next: Option<u32>,
+        _follows: bool,
+    ) -> bool {
+        false
+    }
+
+    /// Whether there is nothing to do at `stop`, the next one of `change`.
+    fn is_idle(forecast: &Forecast<O>, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool;
+
+    /// The cost of the leg that began after slot `begin`, from what was `flown`; `None` if the plan ends before it.
+    fn cost_of_leg(forecast: &Forecast<O>, change: &Change, begin: i32, flown: Option<f64>) -> Option<f64>;
+
+    /// Whether a leg of `slots` slots stays in the plan.
+    fn keeps(_store: &Self::Store, _slots: i32) -> bool {
+        true
+    }
+
+    /// What a change costs after the legs that were flown for it.
+    fn end(forecast: &mut Forecast<O>, model: &PlanModel) -> f64;
+
+    /// The visits after the last stop of the plan that was tried last.
+    fn tail(_store: &Self::Store) -> &[Visit] {
+        &[]
+    }
+}
+
+/// The store of the style of an objective.
+pub type StoreOf<O> = <<O as Objective>::Style as ForecastStyle<O>>::Store;
+
 /// The forecast of a plan.
 #[derive(Debug, Clone)]
-pub struct Forecast<O: Objective> {
+pub struct Forecast<O: Objective<Style: ForecastStyle<O>>> {
     /// The planning window.
     pub window: PlanningWindow<O>,
     /// The plan as flown.
     pub trace: Trace,
     /// Its cost.
     pub cost: f64,
-    /// What is expected after the window, of the plan as loaded; part of `cost`.
-    pub beyond: f64,
-    /// Cost of a slot in the air.
-    slot_cost: f64,
-    /// Whether stops that take no slot stay in the plan where it hovers: later they may take one.
-    pub keeps_idle: bool,
-    /// The visits after the last stop of the plan that was tried last, where it hovers.
-    tail: Vec<Visit>,
     change: Change,
-    decoder: Decoder,
-    /// Where plans do not hover.
-    pub(super) timelines: Timelines<O>,
-    /// Where they do, and the buffers.
-    states: States<O>,
-    work: Vec<O::Level>,
+    pub(super) decoder: Decoder,
+    pub(super) store: StoreOf<O>,
 }
 
-impl<O: Objective> Forecast<O> {
+impl<O: Objective<Style: ForecastStyle<O>>> Forecast<O> {
     /// The forecast of an empty plan.
     #[must_use]
     pub fn new(model: &PlanModel, window: PlanningWindow<O>) -> Self {
-        let work = if O::HOVERS { window.levels.clone() } else { Vec::new() };
         let mut forecast = Self {
             trace: Trace::default(),
             cost: 0.0,
-            beyond: 0.0,
-            slot_cost: O::slot_cost(&model.sensors, &window.levels, window.slots),
-            keeps_idle: true,
-            tail: Vec::new(),
             change: Change::default(),
             decoder: Decoder::default(),
-            timelines: Timelines::new(model, &window),
-            states: States::new(&work),
-            work,
+            store: StoreOf::<O>::new(model, &window),
             window,
         };
         forecast.load(model, []);
@@ -101,80 +184,31 @@ impl<O: Objective> Forecast<O> {
 
     /// All visits: those of the stops, and of a plan that was tried last, those after its last stop.
     pub fn visits(&self) -> impl Iterator<Item = &Visit> {
-        self.trace.visits.iter().chain(&self.tail)
+        self.trace.visits.iter().chain(O::Style::tail(&self.store))
     }
 
-    /// The sensors that have, or will have, data, and their queues at the beginning [bit]; none but where plans hover.
+    /// The sensors that have, or will have, data, and their queues at the beginning [bit], for the operators.
     pub fn open(&self, model: &PlanModel) -> Vec<(u32, f64)> {
-        let queue_bits = |(sensor, level): (&SensorModel, &O::Level)| O::queue_bits(sensor, *level, 1.0);
-        let all = (0..).zip(model.sensors.iter().zip(&self.window.levels).map(queue_bits)).zip(&model.sensors);
-        let open = all.filter(|((_, bits), sensor)| O::HOVERS && (*bits > 0.0 || sensor.mean_bits > 0.0));
-        open.map(|(open, _)| open).collect()
-    }
-
-    /// Sets `work` to the state before leg `leg` of a plan that hovers; returns the cost until then.
-    fn restore(&mut self, model: &PlanModel, leg: usize) -> f64 {
-        let state = self.states.last_known(leg);
-        let mut cost = self.states.load(state, &mut self.work);
-        let mut at = self.states.leg(state);
-        for state in state + 1.. {
-            let to = leg.min(self.states.leg(state));
-            for visit in &self.trace.visits[self.trace.first_visit(at)..self.trace.first_visit(to)] {
-                cost += Buffers::<O>::serve(&mut self.work, model, visit);
-            }
-            at = to;
-            if to != self.states.leg(state) {
-                break;
-            }
-            self.states.store(state, cost, &self.work);
-        }
-        cost
+        O::Style::open(model, &self.window)
     }
 
     /// Tries the plan with `inserted` instead of the stops `from..to`; returns its cost. Each inserted stop has
     /// its index in the old plan, or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(PlannedStop, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
-        // The cost until there; where plans do not hover, of the whole plan.
-        let mut cost = if O::HOVERS {
-            self.restore(model, start)
-        } else {
-            self.timelines.begin(self.trace.first_visit(start));
-            self.cost
-        };
-        (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
-        self.decoder.margin_j = start.checked_sub(1).map_or(f64::INFINITY, |before| self.trace.legs[before].margin_j);
-        self.decoder.flown_slots = self.window.flown_slots;
-        let mut trace = std::mem::take(&mut self.change.trace);
-        trace.legs.clear();
-        trace.visits.clear();
-        let mut change = Change { from: start, trace, rest: self.trace.legs.len(), ..Change::default() };
-        let before = from - start;
-        let changed = before + inserted.len();
-        // The stop after `step` others: its index in the old plan, or `FRESH`.
-        let item = |legs: &[Leg], step: usize| {
-            if (before..changed).contains(&step) {
-                return Some(inserted[step - before]);
-            }
-            let old = if step < before { start + step } else { to + step - changed };
-            legs.get(old).map(|leg| (leg.stop, old as u32))
-        };
+        let stops = ChangedStops { start, before: from - start, inserted, to };
+        let mut cost = self.store.begin(model, &self.trace, start, self.cost);
+        let mut change = self.begin_change(start);
         let mut last = None; // index of the stop before in the old plan, if flown as there
         for step in 0.. {
-            let Some((stop, old)) = item(&self.trace.legs, step) else {
-                break;
-            };
-            let next = item(&self.trace.legs, step + 1);
+            let Some((stop, old)) = stops.get(&self.trace.legs, step) else { break };
+            let next = stops.get(&self.trace.legs, step + 1);
             let follows = last.take().is_some_and(|last: u32| old != FRESH && last + 1 == old);
-            let leg_cost = if self.is_as_before(model, &change, old, next, follows) {
-                let (_, slot, energy_j) = self.begin(old as usize);
-                let shift = self.decoder.slot - slot;
-                // Without end both are infinite.
-                let more_j = if self.decoder.energy_j == energy_j { 0.0 } else { self.decoder.energy_j - energy_j };
-                if step >= changed {
-                    change.rest = old as usize;
-                    change.shift = shift;
-                    change.more_j = more_j;
+            let next_old = next.map(|(_, next)| next);
+            let leg_cost = if old != FRESH && O::Style::is_as_before(self, model, &change, old, next_old, follows) {
+                let (shift, more_j) = self.moved(old as usize);
+                if step >= stops.changed() {
+                    change = Change { rest: old as usize, shift, more_j, ..change };
                     break;
                 }
                 last = Some(old);
@@ -188,78 +222,43 @@ impl<O: Objective> Forecast<O> {
             cost += leg_cost;
         }
         self.change = change;
-        if O::HOVERS {
-            self.tail.clear();
-            let Self { decoder, window, work, tail, .. } = self;
-            return cost + decoder.finish::<O>(model, window.slots, self.slot_cost, work, tail);
-        }
-        cost + self.timelines.added_cost(model, self.rest())
+        cost + O::Style::end(self, model)
+    }
+
+    /// Begins a change before leg `start`: there the decoder resumes the flight.
+    fn begin_change(&mut self, start: usize) -> Change {
+        let (at, slot, energy_j) = self.begin(start);
+        let margin_j = start.checked_sub(1).map_or(f64::INFINITY, |before| self.trace.legs[before].margin_j);
+        self.decoder.at = at;
+        self.decoder.slot = slot;
+        self.decoder.energy_j = energy_j;
+        self.decoder.margin_j = margin_j;
+        self.decoder.flown_slots = self.window.flown_slots;
+        let mut trace = std::mem::take(&mut self.change.trace);
+        trace.legs.clear();
+        trace.visits.clear();
+        Change { from: start, trace, rest: self.trace.legs.len(), ..Change::default() }
+    }
+
+    /// The slots by which leg `old` of the old plan begins later now, and the energy [J] that there is more then.
+    #[inline]
+    fn moved(&self, old: usize) -> (i32, f64) {
+        let (_, slot, energy_j) = self.begin(old);
+        // Without end both are infinite.
+        let more_j = if self.decoder.energy_j == energy_j { 0.0 } else { self.decoder.energy_j - energy_j };
+        (self.decoder.slot - slot, more_j)
     }
 
     /// The visits of the plan that follow the last attempt.
-    fn rest(&self) -> Rest {
+    pub(super) fn rest(&self) -> Rest {
         let Change { rest, shift, .. } = self.change;
         let [from, until] = [rest, self.in_time(rest, shift)].map(|leg| self.trace.first_visit(leg));
         Rest { from, until, shift }
     }
 
-    /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it
-    /// is.
-    #[inline]
-    fn is_as_before(
-        &self,
-        model: &PlanModel,
-        change: &Change,
-        old: u32,
-        next: Option<(PlannedStop, u32)>,
-        follows: bool,
-    ) -> bool {
-        if O::HOVERS || old == FRESH {
-            return false;
-        }
-        let index = old as usize;
-        let next_old = next.map_or(self.trace.legs.len(), |(_, next)| next as usize);
-        let (at, slot, energy_j) = self.begin(index);
-        if next_old != index + 1 || at != self.decoder.at {
-            return false;
-        }
-        if let Some(home) = model.table.home.way()
-            && ((home.must_land || !model.pad_waits.is_empty()) && slot != self.decoder.slot
-                || self.least_margin_j(index) < energy_j - self.decoder.energy_j)
-        {
-            return false; // the way home may come earlier, or a pad be free
-        }
-        let leg = &self.trace.legs[index];
-        follows || (leg.end > slot && !self.is_met(model, change, leg.stop))
-    }
-
-    /// Whether the last slot of `change` serves all live members of `stop` without a stop for them.
-    fn is_met(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
-        let slot = self.decoder.slot;
-        let Self { trace: Trace { legs, visits }, .. } = self;
-        let visits = change.trace.visits.iter().rev().chain(visits[..self.trace.first_visit(change.from)].iter().rev());
-        let legs = change.trace.legs.iter().rev().chain(legs[..change.from].iter().rev());
-        let served = visits.take_while(|visit| visit.slot == slot);
-        let stopped = legs.take_while(|leg| leg.end == slot);
-        model.disks[stop.disk as usize].members.iter().all(|member| {
-            if model.sensors[*member as usize].weight == 0.0 {
-                return true;
-            }
-            let is_served = served.clone().any(|visit| visit.sensor == *member);
-            is_served && !stopped.clone().any(|leg| model.disks[leg.stop.disk as usize].members.contains(member))
-        })
-    }
-
-    /// Least margin [J] of the legs from `leg` to the next visit to the base. How long that charges is not adapted to
-    /// the energy of a changed plan before it, until the plan is loaded again.
-    fn least_margin_j(&self, leg: usize) -> f64 {
-        let legs = self.trace.legs[leg..].iter().take_while(|leg| leg.via.is_none());
-        legs.map(|leg| leg.margin_j).fold(f64::INFINITY, f64::min)
-    }
-
     /// Position, slot and energy [J] at the beginning of leg `leg`.
     #[inline]
-    fn begin(&self, leg: usize) -> (Position, i32, f64) {
+    pub(super) fn begin(&self, leg: usize) -> (Position, i32, f64) {
         leg.checked_sub(1).map_or((self.window.start, 0, self.window.energy_j), |before| {
             let before = &self.trace.legs[before];
             (before.at, before.end, before.energy_j)
@@ -278,7 +277,7 @@ impl<O: Objective> Forecast<O> {
         into.legs.push(Leg { end, first: into.visits.len() as u32, ..leg });
         let mut cost = 0.0;
         for visit in visits.iter().map(|visit| visit.later(shift)) {
-            cost += self.timelines.serve(model, &visit);
+            cost += self.store.serve(model, &visit);
             into.visits.push(visit);
         }
         self.decoder.at = leg.at;
@@ -289,7 +288,7 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// Flies to `stop`, as near to the stop `next` as possible; returns the cost, or `None` if the leg ends after
-    /// the window. A stop whose members the last slot serves takes no time.
+    /// the window. A stop at which there is nothing to do takes no time.
     fn fly_leg(
         &mut self,
         model: &PlanModel,
@@ -298,56 +297,20 @@ impl<O: Objective> Forecast<O> {
         change: &mut Change,
     ) -> Option<f64> {
         let first = change.trace.visits.len() as u32;
-        let mut cost = 0.0;
-        (self.decoder.via, self.decoder.hovered) = (None, 0);
         let begin = self.decoder.slot;
-        if !self.is_idle(model, change, stop) {
+        self.decoder.via = None;
+        self.decoder.hovered = 0;
+        let mut cost = 0.0;
+        if !O::Style::is_idle(self, model, change, stop) {
             let visits = &mut change.trace.visits;
-            let slots = self.window.slots;
-            let flown = match O::HOVERS {
-                true => self.decoder.fly::<O>(model, stop, next, slots, &mut self.work, visits),
-                false => self.decoder.fly::<O>(model, stop, next, slots, &mut self.timelines, visits),
-            };
-            cost = if O::HOVERS { flown.unwrap_or(0.0) } else { flown? };
-            if !O::HOVERS && self.decoder.slot == begin && self.left_out(change) >= MOST_LEFT_OUT {
-                return None;
-            }
+            let flown = self.decoder.fly::<O>(model, stop, next, self.window.slots, &mut self.store, visits);
+            cost = O::Style::cost_of_leg(self, change, begin, flown)?;
         }
         let Decoder { at, slot: end, hovered, energy_j, margin_j, via, .. } = self.decoder;
-        if self.keeps_idle || !O::HOVERS || end > begin {
+        if O::Style::keeps(&self.store, end - begin) {
             change.trace.legs.push(Leg { stop, end, hovered, at, first, energy_j, margin_j, via });
         }
         Some(cost)
-    }
-
-    /// Whether there is nothing to do at `stop`: the last slot serves its members, or, where plans hover, its sensor
-    /// was served in passing, and the UAV is not on its way there.
-    fn is_idle(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
-        if !O::HOVERS {
-            return self.is_met(model, change, stop);
-        }
-        let is_first = change.from == 0 && change.trace.legs.is_empty();
-        let sensor = model.disks[stop.disk as usize].members[0] as usize;
-        if model.is_out(stop.disk) {
-            return model.is_dead(stop.disk); // a silent one may send again
-        }
-        let SensorModel { mean_bits, capacity_bits, .. } = model.sensors[sensor];
-        let level = self.work[sensor];
-        // Of one that was not served what there is when the UAV has come: now it may have sampled nothing yet.
-        let away = if O::since(level) > 0.0 {
-            1.0
-        } else {
-            model.table.motion.least_slots_into(&self.decoder.at, model.disk(stop.disk))
-        };
-        let there_bits = O::queue_bits(&model.sensors[sensor], level, f64::from(self.decoder.slot) + away);
-        let is_little = there_bits < capacity_bits.min(2.0 * mean_bits);
-        is_little && !(is_first && self.window.under_way == Some(stop.disk))
-    }
-
-    /// The number of legs that end in the last slot of `change`.
-    fn left_out(&self, change: &Change) -> usize {
-        let legs = change.trace.legs.iter().rev().chain(self.trace.legs[..change.from].iter().rev());
-        legs.take_while(|leg| leg.end == self.decoder.slot).count()
     }
 
     /// The end of the legs, from leg `old` on, that end within the window `shift` slots later.
@@ -360,10 +323,8 @@ impl<O: Objective> Forecast<O> {
 
     /// Accepts the last attempt, whose cost is `cost`, as the plan.
     pub fn accept(&mut self, model: &PlanModel, cost: f64) {
-        match O::HOVERS {
-            true => self.states.change(self.change.from),
-            false => self.timelines.accept(model, &self.change.trace.visits, self.rest()),
-        }
+        let rest = self.rest();
+        self.store.accept(model, self.change.from, &self.change.trace.visits, rest);
         let end = self.in_time(self.change.rest, self.change.shift);
         let Self { change: Change { from, trace: changed, rest, shift, more_j }, trace, .. } = self;
         let begin = trace.first_visit(*from);
@@ -395,21 +356,14 @@ impl<O: Objective> Forecast<O> {
     /// Replaces the plan by `stops`, as far as they can be flown within the window.
     pub fn load(&mut self, model: &PlanModel, stops: impl IntoIterator<Item = PlannedStop>) {
         self.trace = Trace::default();
-        self.states.forget();
-        self.cost = self.timelines.clear(model);
+        self.cost = self.store.clear(model);
         let inserted: Vec<(PlannedStop, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
+        let stops = inserted.len().min(self.window.slots as usize * model.table.limits.blocks());
+        self.change.trace.legs.reserve(stops);
+        self.change.trace.visits.reserve(stops);
         let cost = self.attempt(model, 0, 0, &inserted);
         self.accept(model, cost);
-        self.states.spread(self.trace.legs.len());
-        self.settle();
-        self.beyond = self.timelines.cost_beyond(model);
-    }
-
-    /// Adds up the cost of the plan again: after many changes it has errors of rounding.
-    pub(super) fn settle(&mut self) {
-        if !O::HOVERS {
-            self.cost = self.timelines.cost();
-        }
+        self.cost = self.store.loaded(model, self.trace.legs.len(), cost);
     }
 }
 

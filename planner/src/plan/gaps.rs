@@ -1,6 +1,8 @@
 //! Objectives of ages: what a plan costs by the slots between the visits of a sensor, beside the bits it loses.
 
-use super::objective::{Loss, Objective, ROUNDING, Reached};
+use super::in_passing::InPassing;
+use super::loss::Loss;
+use super::objective::{Objective, ROUNDING, Reached};
 use super::sensor::SensorModel;
 use crate::gap_costs::GapCosts;
 
@@ -28,6 +30,7 @@ impl Gaps {
 
 impl Objective for Gaps {
     type Level = GapLevel;
+    type Style = InPassing;
 
     const COUNTS_AGES: bool = true;
 

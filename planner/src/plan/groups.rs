@@ -238,7 +238,7 @@ mod tests {
     use std::sync::atomic::Ordering;
 
     use super::*;
-    use crate::plan::objective::Loss;
+    use crate::plan::loss::Loss;
     use crate::plan::tests::model_of;
 
     #[test]

@@ -2,11 +2,13 @@
 
 use skysink_common::random::Purpose;
 
-use super::anneal::{Best, Cooling, SearchSteps, anneal};
+use super::anneal::{Best, Cooling, SearchSteps, SearchStyle, anneal};
 use super::carried_plan::CarriedPlan;
 use super::forecast::Forecast;
 use super::keys::LookAheadPart;
 use super::objective::Objective;
+use super::states::HoverStore;
+use super::timelines::Timelines;
 
 /// Ceiling of the temperature at the mission's end; 1 at its beginning.
 const LAST_CEILING: f64 = 0.1;
@@ -45,7 +47,7 @@ fn patience(steps: u64, sensors: usize) -> u64 {
     }
 }
 
-impl<O: Objective> CarriedPlan<O> {
+impl<O: Objective<Style: SearchStyle<O, Store = Timelines<O>>>> CarriedPlan<O> {
     /// Anneals the plan; restores the initial plan if the cost ends much higher.
     ///
     /// The temperature is proportional to the cost per stop beyond the bound, and falls with the fraction of free
@@ -66,7 +68,7 @@ impl<O: Objective> CarriedPlan<O> {
         let blocks = model.table.limits.blocks() as f64 * f64::from(window.slots);
         let free = (1.0 - forecast.trace.visits.len() as f64 / blocks).max(0.0);
         let freedom = (free / FREE).min(1.0).powi(2);
-        let avoidable = (begun_cost - forecast.beyond - least).max(0.0) * freedom;
+        let avoidable = (begun_cost - forecast.store.beyond - least).max(0.0) * freedom;
         // A window that ends before the mission has no final temperature.
         let progress = if window.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
         let ceiling = LAST_CEILING.powf(progress);
@@ -89,7 +91,9 @@ impl<O: Objective> CarriedPlan<O> {
             forecast.load(model, begun);
         }
     }
+}
 
+impl<O: Objective<Style: SearchStyle<O, Store = HoverStore<O>>>> CarriedPlan<O> {
     /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, higher if it `is_first`,
     /// and loads the best plan found. In a field of few sensors a later one ends once it finds no better plan. The next
     /// search takes fewer steps if this one was in vain: it found no better plan, and little is left.
@@ -105,7 +109,7 @@ impl<O: Objective> CarriedPlan<O> {
             return; // with the stops that now take no slot: they may again
         }
         let model = &mut self.model;
-        forecast.keeps_idle = false;
+        forecast.store.keeps_idle = false;
         forecast.load(model, forecast.stops());
         let least = forecast.window.least(model);
         let mean = -least / forecast.open(model).len().max(1) as f64;
@@ -122,7 +126,7 @@ impl<O: Objective> CarriedPlan<O> {
         anneal(model, forecast, cooling, steps, &mut search, Some(&mut best));
         let is_vain = best.0 >= begun_cost && best.0 <= least * (1.0 - LITTLE);
         forecast.load(model, best.1);
-        forecast.keeps_idle = true;
+        forecast.store.keeps_idle = true;
         self.state.vain_searches = if is_vain { self.state.vain_searches.saturating_add(1) } else { 0 };
     }
 }

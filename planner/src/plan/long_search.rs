@@ -5,13 +5,14 @@ use std::ops::ControlFlow;
 use rand_chacha::ChaCha8Rng;
 use skysink_common::random::Purpose;
 
-use super::anneal::{Best, Cooling, SearchSteps, anneal};
+use super::anneal::{Best, Cooling, SearchSteps, SearchStyle, anneal};
 use super::carried_plan::CarriedPlan;
 use super::forecast::Forecast;
 use super::improve::{COOLING, MOST_RISE, REHEATING};
 use super::keys::LookAheadPart;
 use super::objective::Objective;
 use super::start;
+use super::timelines::Timelines;
 use crate::strategy::View;
 
 /// Parts of the search, each with its temperature.
@@ -57,7 +58,7 @@ pub struct SearchOutcome {
     pub is_optimal: bool,
 }
 
-impl<O: Objective> CarriedPlan<O> {
+impl<O: Objective<Style: SearchStyle<O, Store = Timelines<O>>>> CarriedPlan<O> {
     /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the
     /// progress; if it ends the search, the result is `None`, and `forecast` is the best plan until then.
     pub(crate) fn prepare(
@@ -135,7 +136,7 @@ impl<O: Objective> CarriedPlan<O> {
             forecast.settle();
             let begun_cost = forecast.cost;
             let begun = forecast.stops();
-            let avoidable = (begun_cost - forecast.beyond - bound).max(0.0);
+            let avoidable = (begun_cost - forecast.store.beyond - bound).max(0.0);
             let falling = first * (last / first).powf(round as f64 / FALLING as f64);
             let temperature = match self.keys.without {
                 Some(LookAheadPart::Annealing) => 0.0,
@@ -186,7 +187,7 @@ mod tests {
 
     use super::*;
     use crate::plan::keys::HorizonKeys;
-    use crate::plan::objective::Loss;
+    use crate::plan::loss::Loss;
     use crate::strategy::OwnedSetup;
 
     #[test]
@@ -195,7 +196,9 @@ mod tests {
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let list = SensorList::of(&scenario).unwrap();
         let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
-        let (setup, queues_bits, stop) = (setup.setup(), list.queues_bits(), Stop::default());
+        let setup = setup.setup();
+        let queues_bits = list.queues_bits();
+        let stop = Stop::default();
         let view = View::at_start(&setup, &queues_bits, &stop);
         let plan = CarriedPlan::<Loss>::new(&setup, HorizonKeys::of(0));
         let found = |steps: u64, until: u64| {

@@ -12,7 +12,6 @@ use super::decoder::Leg;
 use super::forecast::FRESH;
 use super::groups::PlannedStop;
 use super::model::PlanModel;
-use super::objective::Objective;
 use super::points::MOST_HOVERS;
 
 /// Longest part of a plan that moves as one.
@@ -22,6 +21,7 @@ const LONGEST_MOVED: usize = 40;
 const MOST_STAYS: usize = 4;
 
 /// An operator.
+#[derive(Debug)]
 pub struct Operator {
     /// Its name in summaries.
     pub name: &'static str,
@@ -33,7 +33,7 @@ pub struct Operator {
 }
 
 /// The operators of plans that stop in disks.
-static OF_DISKS: [Operator; 5] = [
+pub const OF_DISKS: &[Operator] = &[
     Operator { name: "insert", weight: 20, propose: |draft, leg| Some(draft.insert_near(leg)) },
     Operator { name: "remove", weight: 15, propose: |_, leg| Some(leg..leg + 1) },
     Operator { name: "replace", weight: 15, propose: |draft, leg| Some(draft.replace_by_near(leg)) },
@@ -42,7 +42,7 @@ static OF_DISKS: [Operator; 5] = [
 ];
 
 /// The operators of plans that hover at points.
-static OF_POINTS: [Operator; 6] = [
+pub const OF_POINTS: &[Operator] = &[
     Operator { name: "insert", weight: 25, propose: |draft, _| draft.insert_point() },
     Operator { name: "remove", weight: 15, propose: |_, leg| Some(leg..leg + 1) },
     Operator { name: "move", weight: 15, propose: |draft, leg| draft.move_one(leg) },
@@ -50,12 +50,6 @@ static OF_POINTS: [Operator; 6] = [
     Operator { name: "shift", weight: 20, propose: |draft, leg| draft.shift_point(leg) },
     Operator { name: "hover", weight: 15, propose: |draft, leg| draft.hover(leg) },
 ];
-
-/// The operators of an objective.
-#[must_use]
-pub fn operators<O: Objective>() -> &'static [Operator] {
-    if O::HOVERS { &OF_POINTS } else { &OF_DISKS }
-}
 
 /// A proposed change of a plan.
 pub struct Draft<'a> {
@@ -65,7 +59,8 @@ pub struct Draft<'a> {
     pub legs: &'a [Leg],
     /// Where it begins [m].
     pub start: Position,
-    /// The sensors that have, or will have, data, and their queues at the beginning [bit]; where plans hover.
+    /// The sensors that have, or will have, data, and their queues at the beginning [bit], for operators that need
+    /// them.
     pub open: &'a [(u32, f64)],
     /// Its random numbers.
     pub random: &'a mut ChaCha8Rng,
@@ -77,8 +72,7 @@ impl Draft<'_> {
     /// Draws a change: the index of its operator, and the legs that are replaced; `None` if there is none.
     pub fn draw(&mut self, operators: &[Operator]) -> (usize, Option<Range<usize>>) {
         if self.legs.is_empty() {
-            let change = if self.model.stops.is_empty() { self.insert_point() } else { Some(self.insert_any()) };
-            return (0, change);
+            return (0, (operators[0].propose)(self, 0)); // it inserts
         }
         let leg = below(self.random, self.legs.len());
         let drawn = below(self.random, 100);
@@ -140,7 +134,11 @@ impl Draft<'_> {
         last == stop && self.model.neighbours[stop.disk as usize].last() == Some(&stop.disk)
     }
 
+    /// Inserts a stop before or after leg `leg`, near it; any stop into an empty plan.
     fn insert_near(&mut self, leg: usize) -> Range<usize> {
+        if self.legs.is_empty() {
+            return self.insert_any();
+        }
         let stop = self.other(leg);
         self.insert(leg, stop)
     }

@@ -4,9 +4,17 @@ use skysink_common::geometry::Position;
 use skysink_common::message::MAX_PATH_POINTS;
 
 use super::decoder::{BaseVisit, Leg};
-use super::forecast::Forecast;
+use super::forecast::{Forecast, ForecastStyle};
 use super::model::PlanModel;
 use super::objective::Objective;
+
+/// What a style says of the path of a plan.
+pub trait PathStyle {
+    /// The way [m] from the last stop, at `last` [m], to the end of a plan that begins after `flown_slots` slots.
+    fn way_after(_model: &PlanModel, _flown_slots: u64, _last: &Position) -> Vec<Position> {
+        Vec::new()
+    }
+}
 
 /// A slot of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,13 +31,14 @@ pub struct PlannedSlot {
 
 /// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.
 #[must_use]
-pub fn planned_slot<O: Objective>(
+pub fn planned_slot<O: Objective<Style: ForecastStyle<O>>>(
     model: &PlanModel,
     forecast: &Forecast<O>,
     slot: i32,
     from: &Position,
 ) -> Option<PlannedSlot> {
-    let (legs, visits) = (&forecast.trace.legs, &forecast.trace.visits);
+    let legs = &forecast.trace.legs;
+    let visits = &forecast.trace.visits;
     let index = legs.partition_point(|leg| leg.end < slot);
     let leg = legs.get(index)?;
     let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);
@@ -61,10 +70,13 @@ pub fn planned_slot<O: Objective>(
     Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
 }
 
-/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where
-/// plans hover with the way home.
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; with
+/// the way after the last stop.
 #[must_use]
-pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
+pub fn planned_path<O: Objective<Style: ForecastStyle<O> + PathStyle>>(
+    model: &PlanModel,
+    forecast: &Forecast<O>,
+) -> Vec<Position> {
     let airspace = &model.table.airspace;
     let mut path: Vec<Position> = Vec::new();
     for leg in forecast.trace.legs.iter().filter(|leg| leg.end > 1) {
@@ -74,11 +86,8 @@ pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> 
             _ => path.push(leg.at),
         }
     }
-    if O::HOVERS {
-        let last = path.last().copied().unwrap_or(forecast.window.start);
-        let home = model.route_home(forecast.window.flown_slots, &last);
-        path.extend(home.iter().flat_map(|route| airspace.way(&last, &route.end())));
-    }
+    let last = path.last().copied().unwrap_or(forecast.window.start);
+    path.extend(O::Style::way_after(model, forecast.window.flown_slots, &last));
     path.dedup();
     path.truncate(MAX_PATH_POINTS - 1);
     path
@@ -96,7 +105,7 @@ mod tests {
     use crate::gap_costs::GapCosts;
     use crate::mission_table::MissionTable;
     use crate::plan::groups::PlannedStop;
-    use crate::plan::objective::Loss;
+    use crate::plan::loss::Loss;
     use crate::plan::tests::window_of;
 
     #[test]

@@ -2,11 +2,13 @@
 
 use skysink_common::geometry::{Position, distance_squared};
 
-use super::forecast::{FRESH, Forecast};
+use super::forecast::{FRESH, Forecast, ForecastStyle};
 use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::operators::detours_m;
+use super::states::HoverStore;
+use super::timelines::Timelines;
 use crate::geometry::turns::Turns;
 
 /// Points that are tried for a first stop to hover at.
@@ -20,7 +22,10 @@ const ROUNDING: f64 = 1e-12;
 
 /// Loads the best of several initial plans: a greedy one, and repeated rounds over single sensors and over groups, in
 /// both directions.
-pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
+pub fn begin<O: Objective<Style: ForecastStyle<O, Store = Timelines<O>>>>(
+    model: &PlanModel,
+    forecast: &mut Forecast<O>,
+) {
     let mut best: Option<(f64, Vec<PlannedStop>)> = None;
     let mut offer = |forecast: &Forecast<O>| {
         if best.as_ref().is_none_or(|(cost, _)| forecast.cost < *cost) {
@@ -49,9 +54,12 @@ pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
 
 /// Appends stops until none fits, each time the one with most data per slot of flight, of equals the nearest: the bits
 /// that its members will have sampled since they were empty, including overflow.
-pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
+pub fn extend<O: Objective<Style: ForecastStyle<O, Store = Timelines<O>>>>(
+    model: &PlanModel,
+    forecast: &mut Forecast<O>,
+) {
     loop {
-        let levels = forecast.timelines.levels();
+        let levels = forecast.store.levels();
         let legs = forecast.trace.legs.len();
         let (at, slot) = forecast.trace.legs.last().map_or((forecast.window.start, 0), |leg| (leg.at, leg.end));
         let mut best: Option<(f64, f64, u32)> = None;
@@ -97,14 +105,14 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
 /// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most, the
 /// round of `turns`, or the stops `offered`, whichever delivers most. Where sensors sample, the first two are rounds
 /// that are flown again and again.
-pub fn begin_at_points<O: Objective>(
+pub fn begin_at_points<O: Objective<Style: ForecastStyle<O, Store = HoverStore<O>>>>(
     model: &mut PlanModel,
     forecast: &mut Forecast<O>,
     turns: &Turns,
     offered: Vec<PlannedStop>,
     is_over: &dyn Fn() -> bool,
 ) {
-    forecast.keeps_idle = false;
+    forecast.store.keeps_idle = false;
     forecast.load(model, []);
     let mut open = forecast.open(model);
     open.sort_by(|(_, a), (_, b)| b.total_cmp(a));
@@ -151,7 +159,7 @@ pub fn begin_at_points<O: Objective>(
     forecast.load(model, offered);
     offer(forecast);
     forecast.load(model, best.1);
-    forecast.keeps_idle = true;
+    forecast.store.keeps_idle = true;
 }
 
 /// The stops of the round of `turns`; where nothing is sampled those of the sensors with data, `open` with their queues
@@ -177,7 +185,7 @@ fn round_of(model: &mut PlanModel, turns: &Turns, open: &[(u32, f64)]) -> Vec<Pl
 }
 
 /// Appends `round` to the plan as often as that lowers the cost: what was sampled meanwhile.
-fn repeat<O: Objective>(
+fn repeat<O: Objective<Style: ForecastStyle<O, Store = HoverStore<O>>>>(
     model: &PlanModel,
     forecast: &mut Forecast<O>,
     round: &[PlannedStop],
@@ -201,7 +209,7 @@ mod tests {
     use skysink_common::stop::Stop;
 
     use super::*;
-    use crate::plan::objective::Collect;
+    use crate::plan::collect::Collect;
     use crate::plan::tests::points_model;
     use crate::plan::window::PlanningWindow;
 
@@ -227,7 +235,7 @@ mod tests {
                 let sensor = model.disks[stop.disk as usize].members[0];
                 assert!(model.link_bits(sensor, &model.disk(stop.disk).centre) > 0.0, "seed {seed}, {keys}: {sensor}");
             }
-            forecast.keeps_idle = false;
+            forecast.store.keeps_idle = false;
             forecast.load(&model, round);
             assert!(cost <= forecast.cost, "seed {seed}, {keys}: {cost}, the round {}", forecast.cost);
             rounds += usize::from(cost == forecast.cost);

@@ -1,6 +1,10 @@
-//! Stored states of a plan that hovers. A change is evaluated from the last state before it.
+//! The buffers of a plan that hovers, with stored states: a change is evaluated from the last state before it.
 
+use super::decoder::{Buffers, Trace, Visit};
+use super::forecast::{Rest, Store};
+use super::model::PlanModel;
 use super::objective::Objective;
+use super::window::PlanningWindow;
 
 /// Fewest legs between two stored states.
 const STRIDE: usize = 16;
@@ -75,5 +79,76 @@ impl<O: Objective> States<O> {
     pub fn change(&mut self, leg: usize) {
         let stride = self.stride;
         self.states.iter_mut().skip(leg / stride + 1).for_each(|state| state.is_known = false);
+    }
+}
+
+/// The buffers of a plan that hovers, and how it ends.
+#[derive(Debug, Clone)]
+pub struct HoverStore<O: Objective> {
+    states: States<O>,
+    /// The buffers of the plan that was tried last, as far as it has come.
+    pub(super) levels: Vec<O::Level>,
+    /// Cost of a slot in the air.
+    pub(super) slot_cost: f64,
+    /// Whether stops that take no slot stay in the plan: later they may take one.
+    pub keeps_idle: bool,
+    /// The visits after the last stop of the plan that was tried last.
+    pub(super) tail: Vec<Visit>,
+}
+
+impl<O: Objective> Buffers<O> for HoverStore<O> {
+    #[inline]
+    fn level(&self, sensor: usize) -> O::Level {
+        self.levels[sensor]
+    }
+
+    #[inline]
+    fn serve(&mut self, model: &PlanModel, visit: &Visit) -> f64 {
+        Buffers::<O>::serve(&mut self.levels, model, visit)
+    }
+}
+
+impl<O: Objective> Store<O> for HoverStore<O> {
+    fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self {
+        Self {
+            states: States::new(&window.levels),
+            levels: window.levels.clone(),
+            slot_cost: O::slot_cost(&model.sensors, &window.levels, window.slots),
+            keeps_idle: true,
+            tail: Vec::new(),
+        }
+    }
+
+    fn clear(&mut self, _: &PlanModel) -> f64 {
+        self.states.forget();
+        0.0
+    }
+
+    /// The cost until the leg. The buffers are then those before it.
+    fn begin(&mut self, model: &PlanModel, plan: &Trace, leg: usize, _: f64) -> f64 {
+        let state = self.states.last_known(leg);
+        let mut cost = self.states.load(state, &mut self.levels);
+        let mut at = self.states.leg(state);
+        for state in state + 1.. {
+            let to = leg.min(self.states.leg(state));
+            for visit in &plan.visits[plan.first_visit(at)..plan.first_visit(to)] {
+                cost += self.serve(model, visit);
+            }
+            at = to;
+            if to != self.states.leg(state) {
+                break;
+            }
+            self.states.store(state, cost, &self.levels);
+        }
+        cost
+    }
+
+    fn accept(&mut self, _: &PlanModel, leg: usize, _: &[Visit], _: Rest) {
+        self.states.change(leg);
+    }
+
+    fn loaded(&mut self, _: &PlanModel, legs: usize, cost: f64) -> f64 {
+        self.states.spread(legs);
+        cost
     }
 }

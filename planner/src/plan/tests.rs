@@ -12,13 +12,15 @@ use skysink_common::scenario::{Overrides, Scenario};
 
 use super::anneal::{Cooling, SearchSteps, anneal};
 use super::carried_plan::CarriedPlan;
+use super::collect::Collect;
 use super::decoder::{Visit, serve};
-use super::forecast::{FRESH, Forecast};
+use super::forecast::{FRESH, Forecast, ForecastStyle};
 use super::gaps::Gaps;
 use super::groups::PlannedStop;
 use super::keys::HorizonKeys;
+use super::loss::Loss;
 use super::model::PlanModel;
-use super::objective::{Collect, Loss, Objective};
+use super::objective::Objective;
 use super::other_visits::OtherVisits;
 use super::sensor::SensorModel;
 use super::start;
@@ -130,7 +132,7 @@ fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
 }
 
 /// What the visits of a plan cost, one after the other.
-fn cost_of_visits<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> f64 {
+fn cost_of_visits<O: Objective<Style: ForecastStyle<O>>>(model: &PlanModel, forecast: &Forecast<O>) -> f64 {
     let mut cost = 0.0;
     let mut levels = forecast.window.levels.clone();
     for visit in &forecast.trace.visits {
@@ -138,7 +140,8 @@ fn cost_of_visits<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> f6
     }
     for (index, (level, begun)) in levels.iter().zip(&forecast.window.levels).enumerate() {
         let sensor = &model.sensors[index];
-        let (end, beyond_slots) = (f64::from(forecast.window.slots), forecast.window.beyond_slots);
+        let end = f64::from(forecast.window.slots);
+        let beyond_slots = forecast.window.beyond_slots;
         let rest = model.rest::<O>(index, end, *level) - O::rest(sensor, *begun, 0.0);
         let beyond = match beyond_slots > 0.0 {
             true => O::beyond(sensor, model.level_at::<O>(index, end, *level), end, model.round_slots, beyond_slots),

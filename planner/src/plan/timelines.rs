@@ -1,61 +1,19 @@
 //! The visits of a plan by sensor, and what their gaps cost. A change costs more or less for the sensors that it
 //! touches alone, so a step of a search takes as long as what it changes.
 
+mod served;
+
 use std::ops::Range;
 
-use super::decoder::{Buffers, Visit, serve};
+use super::decoder::{Buffers, Trace, Visit, serve};
+use super::forecast::{Forecast, ForecastStyle, Rest, Store};
 use super::model::PlanModel;
 use super::objective::{Objective, Reached};
 use super::window::PlanningWindow;
+use served::{Served, Timeline};
 
 /// Shifts [slots] up to which the cost of most gaps is linear: where they are much too long, or not by far.
 const NEAR: i32 = 16;
-
-/// A visit of the plan, and the gap that it ends.
-#[derive(Debug, Clone, Copy)]
-struct Served<L> {
-    visit: Visit,
-    /// The buffer when the gap begins, and after the visit.
-    before: L,
-    after: L,
-    /// What the gap costs.
-    cost: f64,
-    /// Visits of the sensor before it.
-    nth: u32,
-    /// What the gap costs more for each slot that the visit is later, within [`NEAR`]; `None` if that is not linear.
-    slope: Option<f64>,
-    /// That slope less the one of the next gap of the sensor; 0 for one that is not linear. Summed over all visits from
-    /// one on it is the slope of each sensor's first gap less that of its last.
-    slope_difference: f64,
-    /// Whether it is not, here or at the end.
-    is_bent: bool,
-}
-
-/// A sensor: its visits, and how far a change has come.
-#[derive(Debug, Clone)]
-struct Timeline<L> {
-    begun: L,
-    /// Indices of its visits in the plan.
-    visits: Vec<u32>,
-    /// The last change that touches it, its buffer in the changed plan, and its visits in the plan before the next one.
-    change: u64,
-    reached: L,
-    nth: usize,
-    /// What it costs after its last visit, and more for each slot that the window is longer, if that is linear.
-    end: f64,
-    end_slope: Option<f64>,
-}
-
-/// What follows a change: the visits of the plan from index `from` up to `until`, `shift` slots later.
-#[derive(Debug, Clone, Copy)]
-pub struct Rest {
-    /// The first of them.
-    pub from: usize,
-    /// The one after the last of them.
-    pub until: usize,
-    /// Slots by which they are later.
-    pub shift: i32,
-}
 
 /// The visits of a plan that does not hover, and of a change.
 #[derive(Debug, Clone)]
@@ -78,6 +36,8 @@ pub struct Timelines<O: Objective> {
     /// Slots of the window, and of the mission after it.
     slots: f64,
     beyond_slots: f64,
+    /// What is expected after the window, of the plan as loaded; part of its cost.
+    pub beyond: f64,
     /// The number of the change, the visit with which it begins, and the sensors that it touches.
     change: u64,
     begin: usize,
@@ -99,53 +59,9 @@ impl<O: Objective> Buffers<O> for Timelines<O> {
     }
 }
 
-impl<L: Copy + PartialEq> Served<L> {
-    /// Puts a new visit, or one of the plan `shift` slots later, after the buffer `before`. Returns whether it costs as
-    /// before, so many slots later; if not, the buffer after it is still `before`.
-    #[inline]
-    fn renew(&mut self, before: L, shift: Option<i32>, later: impl Fn(L, f64) -> L) -> bool {
-        let slots = shift.unwrap_or(0);
-        self.visit.slot += slots;
-        let is_same =
-            shift.is_some() && (slots == 0 || self.slope.is_some()) && before == later(self.before, f64::from(slots));
-        self.after = if is_same { later(self.after, f64::from(slots)) } else { before };
-        self.before = before;
-        is_same
-    }
-
-    /// Puts the visit, the one at `index`, before a gap of its sensor with the slope `next`, which may be its last, and
-    /// extends `changed` by it if its slope differs.
-    #[inline]
-    fn precede(&mut self, next: Option<f64>, is_last: bool, index: usize, changed: &mut Range<usize>) {
-        let slope_difference = self.slope.unwrap_or(0.0) - next.unwrap_or(0.0);
-        let is_bent = self.slope.is_none() || is_last && next.is_none();
-        if slope_difference != self.slope_difference || is_bent != self.is_bent {
-            (self.slope_difference, self.is_bent) = (slope_difference, is_bent);
-            *changed = changed.start.min(index)..changed.end.max(index + 1);
-        }
-    }
-}
-
-impl<L: Copy> Timeline<L> {
-    /// The buffer before visit `visit` of the plan, and the number of visits of the sensor before it.
-    #[inline]
-    fn at(&self, plan: &[Served<L>], visit: usize) -> (L, usize) {
-        let nth = self.visits.partition_point(|own| (*own as usize) < visit);
-        (self.last(nth).map_or(self.begun, |last| plan[last].after), nth)
-    }
-
-    /// Index of the last of its first `nth` visits.
-    #[inline]
-    fn last(&self, nth: usize) -> Option<usize> {
-        nth.checked_sub(1).map(|last| self.visits[last] as usize)
-    }
-}
-
-impl<O: Objective> Timelines<O> {
-    /// Those of an empty plan.
-    #[must_use]
-    pub fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self {
-        let levels = if O::HOVERS { &[] } else { &window.levels[..] };
+impl<O: Objective> Store<O> for Timelines<O> {
+    fn new(model: &PlanModel, window: &PlanningWindow<O>) -> Self {
+        let levels = &window.levels;
         let mut timelines = Self {
             plan: Vec::new(),
             timelines: Vec::with_capacity(levels.len()),
@@ -156,22 +72,94 @@ impl<O: Objective> Timelines<O> {
             fresh: Vec::new(),
             slots: f64::from(window.slots),
             beyond_slots: window.beyond_slots,
+            beyond: 0.0,
             change: 0,
             begin: 0,
             touched: Vec::new(),
             changed: 0..0,
         };
         for (index, (sensor, &begun)) in model.sensors.iter().zip(levels).enumerate() {
-            let (end, end_slope) = (timelines.end(model, index, begun), None);
             timelines.sunk += O::rest(sensor, begun, 0.0) * O::price(sensor);
-            let (visits, reached) = (Vec::new(), begun);
-            timelines.timelines.push(Timeline { begun, visits, change: 0, reached, nth: 0, end, end_slope });
+            let end = timelines.end(model, index, begun);
+            timelines.timelines.push(Timeline {
+                begun,
+                visits: Vec::new(),
+                change: 0,
+                reached: begun,
+                nth: 0,
+                end,
+                end_slope: None,
+            });
         }
         timelines.unvisited = timelines.cost();
         timelines
     }
 
-    /// What the plan costs.
+    fn clear(&mut self, model: &PlanModel) -> f64 {
+        self.begin_at(0);
+        self.accept(model, 0, &[], Rest { from: 0, until: 0, shift: 0 });
+        self.unvisited
+    }
+
+    /// The cost of the whole plan: of the visits that follow only what they cost more is added.
+    #[inline]
+    fn begin(&mut self, _: &PlanModel, plan: &Trace, leg: usize, cost: f64) -> f64 {
+        self.begin_at(plan.first_visit(leg));
+        cost
+    }
+
+    fn accept(&mut self, model: &PlanModel, _: usize, visits: &[Visit], rest: Rest) {
+        let Rest { from, until, shift } = rest;
+        debug_assert!(until == self.plan.len() || shift > 0 || until == 0, "what is left out is after the end");
+        self.begin_at(self.begin); // the buffers are those before it again
+        (self.begin..from).for_each(|index| self.touch_visited(index));
+        (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));
+        self.fresh.reserve(visits.len());
+        for (index, &visit) in (self.begin as u32..).zip(visits) {
+            let Timeline { visits: own, nth, reached: before, .. } = self.touch(visit.sensor);
+            match own.get_mut(*nth).filter(|own| (**own as usize) < from) {
+                Some(own) => *own = index,
+                None => own.insert(*nth, index),
+            }
+            let served = Served::new(visit, *before, *nth);
+            *nth += 1;
+            self.fresh.push(served);
+        }
+        for &sensor in &self.touched {
+            let Timeline { visits: own, nth, .. } = &mut self.timelines[sensor as usize];
+            own.truncate(*nth + own[*nth..].partition_point(|visit| (*visit as usize) < until));
+            let replaced = own[*nth..].iter().take_while(|visit| (**visit as usize) < from).count();
+            own.drain(*nth..*nth + replaced);
+            for (nth, &visit) in (*nth as u32..).zip(&own[*nth..]) {
+                self.plan[visit as usize].nth = nth;
+            }
+        }
+        self.plan.truncate(until);
+        self.plan.splice(self.begin..from, self.fresh.drain(..));
+        let new_from = self.begin + visits.len();
+        self.changed = self.begin..new_from;
+        for touched in 0..self.touched.len() {
+            let sensor = self.touched[touched];
+            self.follow(model, sensor, self.timelines[sensor as usize].nth, rest, new_from);
+        }
+        for index in if shift != 0 || new_from != from { new_from..self.plan.len() } else { 0..0 } {
+            let Served { visit: Visit { sensor, .. }, nth, .. } = self.plan[index];
+            if self.timelines[sensor as usize].change != self.change {
+                self.follow(model, sensor, nth as usize, rest, new_from);
+            }
+        }
+        self.change += 1; // nothing is reached any more
+        self.sum_slopes(rest, new_from);
+    }
+
+    fn loaded(&mut self, model: &PlanModel, _: usize, _: f64) -> f64 {
+        self.beyond = self.cost_beyond(model);
+        self.cost()
+    }
+}
+
+impl<O: Objective> Timelines<O> {
+    /// What the plan costs, added up again: after many changes its cost has errors of rounding.
     pub fn cost(&self) -> f64 {
         let gaps: f64 = self.plan.iter().map(|served| served.cost).sum();
         gaps + self.timelines.iter().map(|timeline| timeline.end).sum::<f64>() - self.sunk
@@ -183,15 +171,15 @@ impl<O: Objective> Timelines<O> {
     }
 
     /// What is expected after the window.
-    pub fn cost_beyond(&self, model: &PlanModel) -> f64 {
+    fn cost_beyond(&self, model: &PlanModel) -> f64 {
         if self.beyond_slots <= 0.0 {
             return 0.0;
         }
-        self.levels().iter().enumerate().map(|(sensor, level)| self.beyond(model, sensor, *level)).sum()
+        self.levels().iter().enumerate().map(|(sensor, level)| self.beyond_of(model, sensor, *level)).sum()
     }
 
     /// The same of `sensor`, left with the buffer `level` by its last visit.
-    fn beyond(&self, model: &PlanModel, sensor: usize, level: O::Level) -> f64 {
+    fn beyond_of(&self, model: &PlanModel, sensor: usize, level: O::Level) -> f64 {
         let level = model.level_at::<O>(sensor, self.slots, level);
         let sensor = &model.sensors[sensor];
         O::beyond(sensor, level, self.slots, model.round_slots, self.beyond_slots) * O::price(sensor)
@@ -200,7 +188,7 @@ impl<O: Objective> Timelines<O> {
     /// What `sensor` costs after its last visit, which leaves the buffer `level`.
     fn end(&self, model: &PlanModel, sensor: usize, level: O::Level) -> f64 {
         let rest = model.rest::<O>(sensor, self.slots, level) * O::price(&model.sensors[sensor]);
-        if self.beyond_slots > 0.0 { rest + self.beyond(model, sensor, level) } else { rest }
+        if self.beyond_slots > 0.0 { rest + self.beyond_of(model, sensor, level) } else { rest }
     }
 
     /// What a gap of `sensor` up to `slot` costs more for each slot that it is longer, if that is linear.
@@ -216,15 +204,8 @@ impl<O: Objective> Timelines<O> {
         slope.filter(|slope| self.beyond_slots <= 0.0 || *slope > 0.0)
     }
 
-    /// Removes all visits of the plan; returns what it then costs.
-    pub fn clear(&mut self, model: &PlanModel) -> f64 {
-        self.begin(0);
-        self.accept(model, &[], Rest { from: 0, until: 0, shift: 0 });
-        self.unvisited
-    }
-
     /// Begins a change at visit `visit` of the plan.
-    pub fn begin(&mut self, visit: usize) {
+    fn begin_at(&mut self, visit: usize) {
         self.change += 1;
         self.begin = visit;
         self.touched.clear();
@@ -248,7 +229,9 @@ impl<O: Objective> Timelines<O> {
         let Served { visit: Visit { sensor, .. }, before, nth, .. } = self.plan[index];
         let timeline = &mut self.timelines[sensor as usize];
         if timeline.change != self.change {
-            (timeline.change, timeline.reached, timeline.nth) = (self.change, before, nth as usize);
+            timeline.change = self.change;
+            timeline.reached = before;
+            timeline.nth = nth as usize;
             self.touched.push(sensor);
         }
     }
@@ -337,50 +320,6 @@ impl<O: Objective> Timelines<O> {
         (shift == 0 || model.others.is_empty()) && O::agree(&model.sensors[sensor as usize], &now, &then)
     }
 
-    /// Replaces the visits of the plan between the begin of the change and `rest` by `visits`.
-    pub fn accept(&mut self, model: &PlanModel, visits: &[Visit], rest: Rest) {
-        let Rest { from, until, shift } = rest;
-        debug_assert!(until == self.plan.len() || shift > 0 || until == 0, "what is left out is after the end");
-        self.begin(self.begin); // the buffers are those before it again
-        (self.begin..from).for_each(|index| self.touch_visited(index));
-        (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));
-        for (index, &visit) in (self.begin as u32..).zip(visits) {
-            let Timeline { visits: own, nth, reached: before, .. } = self.touch(visit.sensor);
-            match own.get_mut(*nth).filter(|own| (**own as usize) < from) {
-                Some(own) => *own = index,
-                None => own.insert(*nth, index),
-            }
-            let (before, nth) = (*before, std::mem::replace(nth, *nth + 1) as u32);
-            let (after, cost, slope, slope_difference, is_bent) = (before, 0.0, None, 0.0, false);
-            self.fresh.push(Served { visit, before, after, cost, nth, slope, slope_difference, is_bent });
-        }
-        for &sensor in &self.touched {
-            let Timeline { visits: own, nth, .. } = &mut self.timelines[sensor as usize];
-            own.truncate(*nth + own[*nth..].partition_point(|visit| (*visit as usize) < until));
-            let replaced = own[*nth..].iter().take_while(|visit| (**visit as usize) < from).count();
-            own.drain(*nth..*nth + replaced);
-            for (nth, &visit) in (*nth as u32..).zip(&own[*nth..]) {
-                self.plan[visit as usize].nth = nth;
-            }
-        }
-        self.plan.truncate(until);
-        self.plan.splice(self.begin..from, self.fresh.drain(..));
-        let new_from = self.begin + visits.len();
-        self.changed = self.begin..new_from;
-        for touched in 0..self.touched.len() {
-            let sensor = self.touched[touched];
-            self.follow(model, sensor, self.timelines[sensor as usize].nth, rest, new_from);
-        }
-        for index in if shift != 0 || new_from != from { new_from..self.plan.len() } else { 0..0 } {
-            let Served { visit: Visit { sensor, .. }, nth, .. } = self.plan[index];
-            if self.timelines[sensor as usize].change != self.change {
-                self.follow(model, sensor, nth as usize, rest, new_from);
-            }
-        }
-        self.change += 1; // nothing is reached any more
-        self.sum_slopes(rest, new_from);
-    }
-
     /// Brings up to date the visits of a sensor from its visit `nth` on, the first in the rest, and new ones before it.
     #[inline]
     fn follow(&mut self, model: &PlanModel, sensor: u32, mut nth: usize, rest: Rest, new_from: usize) {
@@ -414,12 +353,14 @@ impl<O: Objective> Timelines<O> {
                 return; // nor do the later ones differ
             }
         }
-        let (end, end_slope) = (self.end(model, sensor as usize, reached), self.end_slope(model, sensor, reached));
+        let end = self.end(model, sensor as usize, reached);
+        let end_slope = self.end_slope(model, sensor, reached);
         if let Some(last) = last {
             self.plan[last].precede(end_slope, true, last, &mut self.changed);
         }
         let timeline = &mut self.timelines[sensor as usize];
-        (timeline.end, timeline.end_slope) = (end, end_slope);
+        timeline.end = end;
+        timeline.end_slope = end_slope;
     }
 
     /// Adds up the slopes of the plan again, where they differ after a change before `rest`, which now begins at
@@ -445,5 +386,12 @@ impl<O: Objective> Timelines<O> {
         self.bent[last..].iter_mut().for_each(|index| *index = *index + new_from as u32 - from as u32);
         let bent = (start..end).filter(|&index| self.plan[index].is_bent).map(|index| index as u32);
         self.bent.splice(first..last, bent);
+    }
+}
+
+impl<O: Objective<Style: ForecastStyle<O, Store = Timelines<O>>>> Forecast<O> {
+    /// Adds up the cost of the plan again: after many changes it has errors of rounding.
+    pub(super) fn settle(&mut self) {
+        self.cost = self.store.cost();
     }
 }

@@ -6,8 +6,10 @@ use skysink_common::geometry::Position;
 
 use super::carried_plan::CarriedPlan;
 use super::gaps::Gaps;
+use super::in_passing::InPassing;
 use super::keys::HorizonKeys;
-use super::objective::{Loss, Objective};
+use super::loss::Loss;
+use super::objective::Objective;
 use super::planned::planned_slot;
 use crate::strategy::{Setup, View};
 
@@ -49,7 +51,7 @@ pub fn plan_visits(setup: &Setup, queues_bits: &[u32], steps: u64) -> Option<Vis
     }
 }
 
-fn visits_of<O: Objective>(setup: &Setup, queues_bits: &[u32], steps: u64) -> Option<VisitPlan> {
+fn visits_of<O: Objective<Style = InPassing>>(setup: &Setup, queues_bits: &[u32], steps: u64) -> Option<VisitPlan> {
     let Setup { scenario, stop, .. } = *setup;
     let keys = HorizonKeys { window: Some(scenario.slots), ..HorizonKeys::of(0) };
     let mut plan = CarriedPlan::<O>::new(setup, keys);

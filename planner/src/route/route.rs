@@ -33,6 +33,7 @@ pub struct Route {
 
 impl Route {
     /// The route from `from` [m] over `parts`, of which there is at least one, and what it takes from `battery`.
+    #[inline]
     #[must_use]
     pub fn new(from: Position, parts: impl IntoIterator<Item = RoutePart>, battery: Option<&Battery>) -> Self {
         let mut route = Self { from, parts: parts.into_iter().collect(), slots: 0, energy_j: 0.0 };
@@ -70,7 +71,8 @@ impl Route {
     /// Where its slot number `slot` ends [m]; where it begins for 0.
     #[inline]
     pub fn at(&self, slot: u32) -> Position {
-        let (mut from, mut left) = (&self.from, slot);
+        let mut from = &self.from;
+        let mut left = slot;
         for part in &self.parts {
             if left < part.slots {
                 return from + (part.end - from) * (f64::from(left) / f64::from(part.slots));

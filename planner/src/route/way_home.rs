@@ -312,7 +312,8 @@ mod tests {
         for distance_m in [0.4, 17.0, 18.3, 300.0, 1_111.0] {
             let ground = Position::new(51.0 + distance_m, 50.0);
             // The least energy with which the UAV is allowed to be there.
-            let (mut low_j, mut high_j) = (0.0, 40_000.0);
+            let mut low_j = 0.0;
+            let mut high_j = 40_000.0;
             for _ in 0..100 {
                 let middle_j = (low_j + high_j) / 2.0;
                 if home.is_in_reach(1, middle_j, &ground) { high_j = middle_j } else { low_j = middle_j }

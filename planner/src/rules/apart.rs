@@ -10,7 +10,8 @@ impl Reservations<'_> {
     /// Where to fly in the slot of `view` instead of `proposed` [m]; `None` if that is far enough away, or nothing else
     /// is better.
     pub(crate) fn end_instead_of(&self, view: &View<'_>, proposed: &Position) -> Option<Position> {
-        let (airspace, motion) = (&view.table.airspace, &view.table.motion);
+        let airspace = &view.table.airspace;
+        let motion = &view.table.motion;
         let ground = view.ground();
         let end_of = |to: &Position| motion.committed(view.slot, &ground, to).1;
         let is_near = |gives_way: bool, to: &Position| self.is_near(view, gives_way, &end_of(to));
@@ -63,7 +64,8 @@ impl Reservations<'_> {
     fn is_near(&self, view: &View<'_>, gives_way: bool, end: &Position) -> bool {
         let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));
         let is_near = |from: &Position, place: &Position| (from - place).norm() < self.separation_m;
-        let (motion, ground) = (&view.table.motion, view.ground());
+        let motion = &view.table.motion;
+        let ground = view.ground();
         let counts = |place: &Position| match is_in_base(end) {
             _ if motion.move_slots() > 1 => true,
             false => !is_in_base(place),

@@ -90,7 +90,8 @@ impl RuleBook {
         let proposed = ruled.decision.waypoint.xy();
         let end = view.table.motion.slot_end(view.slot, &view.ground(), &proposed);
         if view.table.motion.is_same(&end, &proposed) {
-            (ruled.decision.waypoint.x, ruled.decision.waypoint.y) = (end.x, end.y);
+            ruled.decision.waypoint.x = end.x;
+            ruled.decision.waypoint.y = end.y;
         } else {
             ruled.decision = self.serving.serve_fullest(view, &end);
         }
@@ -115,7 +116,8 @@ impl RuleBook {
             Returning::Not => {}
             Returning::Charges => (*decision, *mode) = (Decision::stay(view), Mode::Charge),
             Returning::Flies(waypoint) => {
-                (*decision, *mode) = (self.serving.serve_fullest(view, &waypoint.xy()), Mode::Return);
+                *decision = self.serving.serve_fullest(view, &waypoint.xy());
+                *mode = Mode::Return;
                 decision.waypoint.z = decision.waypoint.z.min(waypoint.z); // a climb would take energy
             }
         }
@@ -144,7 +146,8 @@ impl RuleBook {
 
 /// The slot of a UAV whose endurance has ended: it serves nobody, and flies home or stays there.
 fn land(view: &View<'_>) -> Ruled {
-    let (table, ground) = (view.table, view.ground());
+    let table = view.table;
+    let ground = view.ground();
     let flies = |end| Ruled {
         decision: Decision { waypoint: above(&end, view.position.z), ..Decision::stay(view) },
         mode: Mode::Return,

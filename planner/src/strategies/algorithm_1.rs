@@ -310,7 +310,8 @@ mod tests {
         let beyond = [40.0 + apart_m / 2.0 * farther, 50.0 + offset_m * farther];
         // Anchors within 12 m of (30, 50): SNs 0, 3 and 4, which are too far away to meet SN 0.
         let mut table = table_of(&[[40.0, 50.0], [40.0 + apart_m, 50.0], beyond, [19.0, 50.0], [18.5, 50.0]]);
-        (table.limits.reach_m, table.limits.resource_blocks) = (22.0, 3);
+        table.limits.reach_m = 22.0;
+        table.limits.resource_blocks = 3;
         let position = Position::new(30.0, 50.0);
         let mut ids = Vec::new();
         let winner = Search::default().best_set(Reach::Letter, &table, &position, &[5, 10, 500, 60, 40], &mut ids);

@@ -4,6 +4,9 @@
 //!
 //! The search, by simulated annealing against a forecast of the objective, is left to [`crate::plan`].
 
+mod hovering;
+mod in_passing;
+
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -20,13 +23,15 @@ use skysink_common::stop::Stop;
 use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
-use crate::plan::carried_plan::CarriedPlan;
+use crate::plan::carried_plan::{CarriedPlan, PlanStyle};
+use crate::plan::collect::Collect;
 use crate::plan::forecast::Forecast;
 use crate::plan::gaps::Gaps;
 use crate::plan::keys::HorizonKeys;
-use crate::plan::long_search::{SearchOutcome, SearchProgress, Watch};
-use crate::plan::objective::{Collect, Loss, Objective};
-use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
+use crate::plan::long_search::{SearchOutcome, Watch};
+use crate::plan::loss::Loss;
+use crate::plan::objective::Objective;
+use crate::plan::planned::{PathStyle, PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// In every slot it improves a plan of least predicted loss over the rest of the mission, or its next 2 400 slots, and
@@ -66,13 +71,7 @@ skysink_common::keys! {
 /// Longest planning window before take-off [slots].
 const MOST_SLOTS: u64 = 10_000;
 
-/// Steps of the first search for a plan that hovers, divided by those of each later one.
-const FIRST_SEARCH: u64 = 30;
-
-/// Steps of the search for the least loss that take as long as one for the most data delivered.
-const LOSS_STEPS_PER_STEP: u64 = 20;
-
-/// End of that search, as a fraction of the budget.
+/// End of the search for a first plan, as a fraction of the budget.
 const LOSS_END: f64 = 0.3;
 
 /// End of the search, as a fraction of the budget; the rest is for the decision.
@@ -101,14 +100,65 @@ fn offline(setup: &Setup) -> Box<dyn Prepare> {
     look_ahead(setup, HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) }, Some(steps))
 }
 
+/// What a slot of a plan asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PlannedNext {
+    /// No decision: nothing is left to do.
+    Nothing,
+    /// To stay, and serve nobody.
+    Stay,
+    /// The same within a plan: what follows is not shown.
+    Charge,
+    /// To fly to this waypoint [m], and serve the SNs that upload most.
+    ServeMost(Position),
+    /// To serve the SNs of the planned slot first.
+    ServePlanned(PlannedSlot),
+}
+
+/// How plans of a style are begun and flown.
+pub trait Flown<O: Objective<Style = Self>>: PlanStyle<O> + PathStyle {
+    /// Whether `offline` flies its plan without changes; otherwise it has a longer first search.
+    const IS_OPEN_LOOP: bool;
+
+    /// Steps of the first search, `offline_steps` of them before take-off.
+    fn first_steps(keys: &HorizonKeys, offline_steps: Option<u64>) -> u64;
+
+    /// The look-ahead for the least loss, with which a first plan may begin.
+    fn least_loss(_setup: &Setup, _keys: HorizonKeys) -> Option<CarriedPlan<Loss>> {
+        None
+    }
+
+    /// What the slot of `view` asks for if it cannot be planned.
+    fn under_way(_view: &View) -> Option<PlannedNext> {
+        None
+    }
+
+    /// Searches before take-off. `watch` is called with the progress. `None`, without a plan, if no SN can lose data or
+    /// `watch` ends the search.
+    fn prepare(look_ahead: &mut LookAhead<O>, view: &View, watch: &mut Watch<'_>) -> Option<SearchOutcome>;
+
+    /// Begins the first plan, if the style has to; until `is_over`, and with other plans until `is_late`.
+    fn begin(
+        _look_ahead: &mut LookAhead<O>,
+        _view: &View,
+        _forecast: &mut Forecast<O>,
+        _is_late: &dyn Fn() -> bool,
+        _is_over: &dyn Fn() -> bool,
+    ) {
+    }
+
+    /// What the slot of `view` asks for, `planned`, or after the last stop.
+    fn next(view: &View, planned: Option<PlannedSlot>) -> PlannedNext;
+}
+
 /// A plan over many slots.
 pub struct LookAhead<O: Objective> {
     ahead: CarriedPlan<O>,
-    /// Whether a plan that does not hover is searched for before slot 1 alone, and flown without changes.
+    /// Whether its plan is searched for before slot 1 alone, and flown without changes.
     is_offline: bool,
-    /// Steps of that search, or of the first one for a plan that hovers.
+    /// Steps of the first search, if it differs from later ones.
     first_steps: u64,
-    /// The look-ahead for the least loss, with which a first plan that hovers may begin; `None` where no SN samples.
+    /// The look-ahead for the least loss, until the first plan has begun.
     loss: Option<CarriedPlan<Loss>>,
     serving: Serving,
     /// The planned waypoints after the last decided one.
@@ -117,108 +167,64 @@ pub struct LookAhead<O: Objective> {
     intents: (u64, Vec<PlannedVisit>),
 }
 
-impl<O: Objective> LookAhead<O> {
+impl<O: Objective<Style: Flown<O>>> LookAhead<O> {
     /// As [`CarriedPlan::new`].
     fn new(setup: &Setup, keys: HorizonKeys, offline_steps: Option<u64>) -> Self {
-        let first_steps = match offline_steps {
-            None => u64::from(keys.iterations) * FIRST_SEARCH,
-            Some(steps) if O::HOVERS => steps.div_ceil(LOSS_STEPS_PER_STEP),
-            Some(steps) => steps,
-        };
-        let is_sampling = setup.belief.has_learnt_rates() || setup.table.sensors.sampling_ids().next().is_some();
         Self {
             ahead: CarriedPlan::new(setup, keys),
-            is_offline: offline_steps.is_some() && !O::HOVERS,
-            first_steps,
-            loss: (O::HOVERS && is_sampling).then(|| CarriedPlan::new(setup, keys)),
+            is_offline: offline_steps.is_some() && O::Style::IS_OPEN_LOOP,
+            first_steps: O::Style::first_steps(&keys, offline_steps),
+            loss: O::Style::least_loss(setup, keys),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
             intents: (0, Vec::new()),
         }
     }
 
-    /// Loads a first plan that hovers, which may begin with that for the least loss, searched for until `is_late`.
-    fn begin_hovering(
-        &mut self,
-        view: &View,
-        forecast: &mut Forecast<O>,
-        is_late: &dyn Fn() -> bool,
-        is_over: &dyn Fn() -> bool,
-    ) {
-        let steps = self.first_steps.saturating_mul(LOSS_STEPS_PER_STEP);
-        let offered = self.loss.take().map_or_else(Vec::new, |loss| of_least_loss(loss, view, steps, is_late));
-        self.ahead.begin_at_points(view, forecast, &offered, is_over);
-    }
-
-    /// Decides the slot of `view` by the plan of `forecast`, and carries the rest. No decision after the last stop, but
-    /// where plans hover, which end at home.
-    fn decide(&mut self, view: &View, forecast: &Forecast<O>) -> Option<Decision> {
+    /// Flies the slot of `view` by the plan of `forecast`, and carries the rest.
+    fn fly(&mut self, view: &View, forecast: &Forecast<O>) -> Option<Decision> {
         self.path.clear();
         if view.intents().is_some() {
             self.intents = (view.slot, self.ahead.visits(view, forecast));
         }
-        let next = planned_slot(&self.ahead.model, forecast, 1, &view.ground());
+        let planned = planned_slot(&self.ahead.model, forecast, 1, &view.ground());
         let path = planned_path(&self.ahead.model, forecast);
-        self.ahead.carry(forecast, &next.as_ref().map_or(view.ground(), |next| next.waypoint));
-        let decision = match next {
-            None if !O::HOVERS => return None,
-            None => self.return_home(view),
-            Some(next) if next.is_charging => return Some(Decision::stay(view)),
-            Some(next) if O::HOVERS => {
-                let waypoint = match view.table.airspace.is_free(&view.ground(), &next.waypoint) {
-                    true => view.table.motion.toward(&view.ground(), &next.waypoint),
-                    false => next.waypoint,
-                };
-                self.serving.serve_most(view, &waypoint)
-            }
-            Some(next) => {
-                let (waypoint, outcome) = between_stops(&mut self.serving, view, &next);
-                let decision = self.serving.serve_first(view, &waypoint, |id| next.ids.contains(&id));
-                Decision { outcome, ..decision }
-            }
-        };
-        self.path.extend(path.iter().map(|point| above(point, decision.waypoint.z)));
+        self.ahead.carry(forecast, &planned.as_ref().map_or(view.ground(), |planned| planned.waypoint));
+        let next = O::Style::next(view, planned);
+        let has_path = next != PlannedNext::Charge;
+        let decision = self.decide(view, next)?;
+        if has_path {
+            self.path.extend(path.iter().map(|point| above(point, decision.waypoint.z)));
+        }
         Some(decision)
     }
 
-    /// The decision to fly home, or to stay there and charge.
-    fn return_home(&mut self, view: &View) -> Decision {
-        let home = &view.table.home;
-        let ground = view.ground();
-        if home.is_charger(&ground) {
-            return Decision::stay(view);
-        }
-        let waypoint = home.next_waypoint(view.slot, &ground);
-        self.serving.serve_most(view, &waypoint)
+    /// The decision for what the slot of `view` asks for.
+    fn decide(&mut self, view: &View, next: PlannedNext) -> Option<Decision> {
+        Some(match next {
+            PlannedNext::Nothing => return None,
+            PlannedNext::Stay | PlannedNext::Charge => Decision::stay(view),
+            PlannedNext::ServeMost(waypoint) => self.serving.serve_most(view, &waypoint),
+            PlannedNext::ServePlanned(planned) => {
+                let (waypoint, outcome) = between_stops(&mut self.serving, view, &planned);
+                let decision = self.serving.serve_first(view, &waypoint, |id| planned.ids.contains(&id));
+                Decision { outcome, ..decision }
+            }
+        })
     }
 }
 
-impl<O: Objective> Prepare for LookAhead<O> {
+impl<O: Objective<Style: Flown<O>>> Prepare for LookAhead<O> {
     fn prepare(&mut self, view: &View, watch: &mut Watch<'_>) -> Option<SearchOutcome> {
-        let mut forecast = self.ahead.forecast(view)?;
-        let steps = self.first_steps;
-        if !O::HOVERS {
-            return self.ahead.prepare(view, &mut forecast, steps, watch);
-        }
-        watch(SearchProgress { steps: 0, cost: forecast.cost }).continue_value()?;
-        let is_over = || view.stop.requested().is_some();
-        self.begin_hovering(view, &mut forecast, &is_over, &is_over);
-        self.ahead.search(view, &mut forecast, steps, &is_over);
-        self.ahead.keep(&forecast);
-        let outcome =
-            SearchOutcome { cost: forecast.cost, steps: steps.saturating_mul(LOSS_STEPS_PER_STEP), is_optimal: false };
-        watch(SearchProgress { steps: outcome.steps, cost: outcome.cost }).continue_value()?;
-        Some(outcome)
+        O::Style::prepare(self, view, watch)
     }
 }
 
-impl<O: Objective> Strategy for LookAhead<O> {
+impl<O: Objective<Style: Flown<O>>> Strategy for LookAhead<O> {
     /// Improves the plan, and decides by it; `None` if no SN that can lose data is in reach.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        if let Some(end) = view.table.motion.under_way(view.slot, &view.ground()).filter(|_| O::HOVERS) {
-            // A hover in the base, until the next move may begin, that charged goes on charging.
-            let is_charging = view.battery.is_charging && end == view.ground();
-            return Some(if is_charging { Decision::stay(view) } else { self.serving.serve_most(view, &end) });
+        if let Some(next) = O::Style::under_way(view) {
+            return self.decide(view, next);
         }
         let budget = self.ahead.keys.budget(view).map(|budget| (Instant::now(), budget));
         let is_after = |fraction: f64| {
@@ -231,11 +237,9 @@ impl<O: Objective> Strategy for LookAhead<O> {
             self.prepare(view, watch)?;
         }
         let mut forecast = self.ahead.forecast(view)?;
-        if O::HOVERS && !self.ahead.has_searched() {
-            self.begin_hovering(view, &mut forecast, &|| is_after(LOSS_END), &is_over);
-        }
+        O::Style::begin(self, view, &mut forecast, &|| is_after(LOSS_END), &is_over);
         self.ahead.search(view, &mut forecast, self.first_steps, &is_over);
-        self.decide(view, &forecast)
+        self.fly(view, &forecast)
     }
 
     fn observe(&mut self, slot: u64, flights: &[FlightReport], _: &Belief) {
@@ -262,7 +266,7 @@ impl<O: Objective> Strategy for LookAhead<O> {
     }
 }
 
-impl<O: Objective> Checkpoint for LookAhead<O> {
+impl<O: Objective<Style: Flown<O>>> Checkpoint for LookAhead<O> {
     fn save(&self, bytes: &mut Vec<u8>) {
         self.ahead.save(bytes);
     }
@@ -288,25 +292,6 @@ pub fn search_offline(
     let mut strategy = offline(setup);
     let found = strategy.prepare(&View::at_start(setup, queues_bits, stop), watch)?;
     Some((strategy, found))
-}
-
-/// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member
-/// of a group.
-fn of_least_loss(
-    mut loss: CarriedPlan<Loss>,
-    view: &View,
-    steps: u64,
-    is_over: &dyn Fn() -> bool,
-) -> Vec<(Position, u32)> {
-    let Some(mut forecast) = loss.forecast(view) else { return Vec::new() };
-    let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    let begun = forecast.stops();
-    if loss.prepare(view, &mut forecast, steps, watch).is_none() {
-        forecast.load(&loss.model, begun); // ended early, its plan may be worse
-    }
-    let model = &loss.model;
-    let members = |disk: u32| model.disks[disk as usize].members.iter().map(|&member| model.ids[member as usize]);
-    forecast.trace.legs.iter().flat_map(|leg| members(leg.stop.disk).map(|id| (leg.at, id))).collect()
 }
 
 /// The waypoint of a planned slot. If links limit the collected bits, or depend on the elevation, it is moved

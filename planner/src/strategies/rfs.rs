@@ -66,7 +66,8 @@ mod tests {
     fn random_waypoints_are_uniform_over_the_disk() {
         let table = table_of(&[[50.0, 50.0]]);
         let position = Position::new(50.0, 50.0);
-        let (mut sum, mut sum_m2) = (nalgebra::Vector2::zeros(), 0.0);
+        let mut sum = nalgebra::Vector2::zeros();
+        let mut sum_m2 = 0.0;
         for slot in 1..=20_000 {
             let offset_m = random_waypoint(&table, &Streams::new(1), slot, &position) - position;
             sum += offset_m;

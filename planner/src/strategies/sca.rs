@@ -104,7 +104,8 @@ impl Approximation {
             at = stops_of(&flight);
             fruitless += 1;
             if flight.cost() < best.cost() * (1.0 - SETTLED) {
-                (best, fruitless) = (flight, 0);
+                best = flight;
+                fruitless = 0;
             }
         }
         best
@@ -240,7 +241,8 @@ mod tests {
         let field = field("slots = 40\n", &lattice(12, 120.0));
         let make = || Approximation { iterations: 2, ..Approximation::new(&field.setup()) };
         let expected = flight(&field, 2);
-        let (mut flown, mut ground) = (make(), [50.0, 50.0]);
+        let mut flown = make();
+        let mut ground = [50.0, 50.0];
         for slot in 1..=40 {
             let mut resumed = make();
             let mut bytes = Vec::new();

@@ -66,7 +66,8 @@ impl InTurn {
         turns.order.iter().enumerate().for_each(|(turn, &id)| turn_of[id as usize] = turn);
         let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
         let serving = Serving::new(setup);
-        let (served, planned) = (BTreeSet::new(), Vec::new());
+        let served = BTreeSet::new();
+        let planned = Vec::new();
         Self { turns, turn_of, early, drains: false, waypoint, serving, first: turn, turn, served, planned }
     }
 
@@ -161,7 +162,9 @@ impl Checkpoint for InTurn {
         CheckpointError::ensure(served.iter().all(is_turn) && !served.contains(&turn), "later turns of this field")?;
         let has_turn = |&id: &u32| self.turn_of.get(id as usize).is_some_and(|turn| *turn != NO_TURN);
         CheckpointError::ensure(planned.iter().all(has_turn), "sensor nodes of this field")?;
-        (self.turn, self.served, self.planned) = (turn, served, planned);
+        self.turn = turn;
+        self.served = served;
+        self.planned = planned;
         Ok(())
     }
 }

@@ -91,7 +91,8 @@ pub fn climb(problem: &Problem, start: RatedPoint) -> RatedPoint {
         let bend = -moved.dot(&(next_slope - slope));
         stretch = if bend > 0.0 { moved.norm_squared() / bend } else { 10.0 * left };
         idle = if next.rate_bps - at.rate_bps <= RISE * at.rate_bps { idle + 1 } else { 0 };
-        (at, slope) = (next, next_slope);
+        at = next;
+        slope = next_slope;
         if moved.norm() < SETTLED_M || idle >= PATIENCE {
             break;
         }

@@ -56,7 +56,8 @@ proptest! {
         text in texts(), strategy in prop::sample::select(&REMEMBERING[..]), seed in 1u64..1_000, restart in 1u64..20,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
-        let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
+        let mut mission = TestMission::new(&scenario);
+        let mut restarted = TestMission::new(&scenario);
         for slot in 1..=scenario.slots {
             let plan = mission.advance();
             prop_assert_eq!(mission.last_flight().refused, 0, "slot {}: {:?}", slot, plan);

@@ -83,7 +83,9 @@ fn cases(most: usize, low: u32, high: u32, reaches_m: impl Strategy<Value = f64>
 
 /// Algorithm 1 once more: the best of all (sum, anchor, set), over all SNs.
 fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
-    let (table, d_c, n) = (&case.table, case.table.limits.comm_radius_m, case.table.limits.blocks());
+    let table = &case.table;
+    let d_c = case.table.limits.comm_radius_m;
+    let n = case.table.limits.blocks();
     let limit_m = match reach {
         Reach::Letter if table.limits.reach_m > d_c => table.limits.reach_m - d_c,
         Reach::Letter => table.limits.reach_m,
@@ -99,11 +101,13 @@ fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
             .collect();
         partners.sort_by_key(|&j| (Reverse(case.queue(j)), j));
         if let Some(&k) = partners.first().filter(|_| n >= 2) {
-            let ([xi, yi], [xk, yk]) =
-                (table.sensors.position(i).coords.into(), table.sensors.position(k).coords.into());
+            let [xi, yi] = table.sensors.position(i).coords.into();
+            let [xk, yk] = table.sensors.position(k).coords.into();
             let d = f64::hypot(xi - xk, yi - yk);
             let (ux, uy) = if d == 0.0 { (1.0, 0.0) } else { ((xi - xk) / d, (yi - yk) / d) };
-            let (mx, my, v) = ((xi + xk) / 2.0, (yi + yk) / 2.0, (d_c * d_c - d * d / 4.0).abs().sqrt());
+            let mx = (xi + xk) / 2.0;
+            let my = (yi + yk) / 2.0;
+            let v = (d_c * d_c - d * d / 4.0).abs().sqrt();
             let mut centres = vec![
                 [mx - v * uy, my + v * ux],
                 [mx + v * uy, my - v * ux],
@@ -166,7 +170,9 @@ fn enclosing_radius_m([a, b, c]: [&Position; 3]) -> f64 {
 
 /// Whether the lens of the disks about `a` and `b` comes within reach.
 fn lens_in_reach(case: &Case, a: &Position, b: &Position) -> bool {
-    let (d_c, apart_m, uav) = (radius_m(case), (a - b).norm(), &case.position);
+    let d_c = radius_m(case);
+    let apart_m = (a - b).norm();
+    let uav = &case.position;
     if !close(a, b, 2.0 * case.table.limits.comm_radius_m) {
         return false;
     }
@@ -188,7 +194,8 @@ fn lens_in_reach(case: &Case, a: &Position, b: &Position) -> bool {
 
 /// sP1 by looking at every set of at most n SNs: the largest sum, then the smallest ids, free blocks above all.
 fn best_of_all_sets(case: &Case) -> Vec<u32> {
-    let (sensors, n) = (case.queues_bits.len(), case.table.limits.blocks());
+    let sensors = case.queues_bits.len();
+    let n = case.table.limits.blocks();
     let mut best = (Reverse(0), vec![NOBODY; sensors]);
     for members in 1u32..1 << sensors {
         let mut ids: Vec<u32> = (0..sensors as u32).filter(|id| members >> id & 1 == 1).collect();

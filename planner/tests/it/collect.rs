@@ -68,7 +68,8 @@ fn best_bits(field: &[([f64; 2], f64)], queues_bits: &mut [f64], cell: [i64; 2],
 
 #[test]
 fn plans_deliver_nearly_the_optimum() {
-    let (mut flown_bits, mut most_bits) = (0.0, 0.0);
+    let mut flown_bits = 0.0;
+    let mut most_bits = 0.0;
     for seed in 1..=6 {
         for strategy in ["horizon", "offline"] {
             let (scenario, list, field) = small(strategy, seed);
@@ -220,7 +221,8 @@ fn operators_count_what_they_proposed_and_what_became_of_it() {
             "slots = 20\n[sensors]\nsampling_bps = 3000.0\n[planner]\nobjective = '{objective}'\nhorizon.iterations = 40\n"
         );
         let scenario = scenario_of(&text, "horizon", 3);
-        let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
+        let mut mission = TestMission::new(&scenario);
+        let mut restarted = TestMission::new(&scenario);
         mission.by_ref().take(20).for_each(drop);
         restarted.by_ref().take(7).for_each(drop);
         restarted.restart();

@@ -86,7 +86,8 @@ proptest! {
             let queues_bits = mission.queues_bits().to_vec();
             mission.planner.observe(slot, &[flight], &queues_bits);
             for (id, &(_, told)) in (0..).zip(&contacts) {
-                let (believed_bits, true_bits) = (mission.estimate().mean_bits(id), mission.mean_bits(id));
+                let believed_bits = mission.estimate().mean_bits(id);
+                let true_bits = mission.mean_bits(id);
                 let off_bits = believed_bits - true_bits;
                 // Of each gap the rounding to whole bits takes or adds less than one.
                 prop_assert!(!told || off_bits.abs() < 1.0 + 1e-6, "seed {seed}, slot {slot}, SN {id}: {believed_bits}");
@@ -101,7 +102,8 @@ proptest! {
         seed in 1u64..10_000, restart in 1u64..60,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
-        let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
+        let mut mission = TestMission::new(&scenario);
+        let mut restarted = TestMission::new(&scenario);
         for slot in 1..=scenario.slots {
             prop_assert_eq!(format!("{:?}", mission.advance()), format!("{:?}", restarted.advance()), "slot {}", slot);
             if slot == restart {
@@ -119,7 +121,8 @@ fn a_missed_contact_keeps_the_older_belief() {
     let mut mission = TestMission::new(&scenario);
     // Whether the last contact of an SN was missed.
     let mut missed = vec![false; mission.nodes.len()];
-    let (mut older, mut recovered) = (0, 0);
+    let mut older = 0;
+    let mut recovered = 0;
     let mut slot = 1;
     while slot <= scenario.slots {
         let plan = mission.plan();

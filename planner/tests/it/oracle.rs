@@ -155,7 +155,8 @@ impl Case {
                 let tried = [0, 1, 2].map(|axis| middle[axis] + offset(axis as u32) * steps[axis]);
                 let tried_bps = self.rate_bps(&self.point(tried));
                 if tried_bps > best_bps {
-                    (best_bps, at) = (tried_bps, tried);
+                    best_bps = tried_bps;
+                    at = tried;
                 }
             }
             if at == middle {
@@ -198,7 +199,9 @@ fn assert_near_the_best(environment: &'static str, solver: WaypointSolver, cases
     let mut fallen_back = 0;
     for comm_radius_m in [10.0, 60.0] {
         let setting = Setting { environment, comm_radius_m, solver };
-        let (mut worst, mut worst_number, mut lead) = (f64::NEG_INFINITY, 0, 0.0f64);
+        let mut worst = f64::NEG_INFINITY;
+        let mut worst_number = 0;
+        let mut lead = 0.0f64;
         for number in 0..u64::from(cases * crate::CASES_FACTOR) {
             let case = setting.case(number);
             let plan = case.plan();
@@ -208,7 +211,8 @@ fn assert_near_the_best(environment: &'static str, solver: WaypointSolver, cases
             let shortfall = 1.0 - planned_bps / case.best_bps();
             lead = lead.max(-shortfall);
             if shortfall > worst {
-                (worst, worst_number) = (shortfall, number);
+                worst = shortfall;
+                worst_number = number;
             }
         }
         // A search that finds much less than the planner says nothing about it.

@@ -174,7 +174,8 @@ fn a_set_feasible_only_with_slack_is_served_where_it_was_found_as_a_fallback() {
     let places = [[100.0, 90.0], at([6.0, 8.0]), at([-8.0, 6.0]), [100.0 - diagonal_m, 100.0 + diagonal_m]];
     for solver in SOLVERS {
         let mut scenario = dense_urban("exact", solver, FREE);
-        (scenario.link.comm_radius_m, scenario.link.resource_blocks) = (10.0, 3);
+        scenario.link.comm_radius_m = 10.0;
+        scenario.link.resource_blocks = 3;
         let queues_bits = [900, 950, 800, 700];
         let found = Planner::new(&scenario, &nodes(&places)).unwrap().step(
             1,
@@ -203,7 +204,8 @@ fn the_expected_bits_are_the_mean_of_many_draws() {
         let scenario = scenario("exact", WaypointSolver::Geometric, "altitude_m = 30.0", &link);
         let places = [[90.0, 100.0], [130.0, 100.0], [95.0, 140.0], [120.0, 80.0]];
         let found = plan(&scenario, &places, 30.0);
-        let (link, mut random) = (link_of(&scenario), StdRng::seed_from_u64(7));
+        let link = link_of(&scenario);
+        let mut random = StdRng::seed_from_u64(7);
         let rates_bps = places.map(|place| {
             let d2_m2 = distance_squared(&place.into(), &ground(&found));
             let chance = link.los_probability(&Uplink::at(1.0, d2_m2, found.z_m));

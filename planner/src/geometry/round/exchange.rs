@@ -80,9 +80,42 @@ impl RoundSearch<'_> {
     /// The best of 2-opt and or-opt of a leg with all others.
     fn two_opt(&mut self, round: &mut Itinerary, slack_m: f64) -> bool {
         let stops = round.stops.len();
-        let after = |leg: usize| (leg + 1) % stops;
         let i = below(&mut self.random, stops);
         let part = 1 + below(&mut self.random, PART.min(stops - 3));
+        let last = i + part;
+        let (change_m, j, exchange) = self.best_exchange(round, i, part);
+        if change_m >= slack_m {
+            return false;
+        }
+        match exchange {
+            Exchange::Reversed => {
+                let [low, high] = [i.min(j), i.max(j)];
+                self.cut(round, &[low, high]);
+                round.stops[low + 1..=high].reverse();
+                self.join(round, &[low, high]);
+            }
+            Exchange::Moved { is_turned } => {
+                self.cut(round, &[i, last, j]);
+                if is_turned {
+                    round.stops[i + 1..=last].reverse();
+                }
+                if j > last {
+                    round.stops[i + 1..=j].rotate_left(part);
+                    self.join(round, &[i, j - part, j]);
+                } else {
+                    round.stops[j + 1..=last].rotate_right(part);
+                    self.join(round, &[j, j + part, last]);
+                }
+            }
+        }
+        true
+    }
+
+    /// The best exchange of leg `i`, or of the `part` stops behind it, with another leg: the change of the length [m],
+    /// infinite if there is none, the other leg, and what is done.
+    fn best_exchange(&mut self, round: &Itinerary, i: usize, part: usize) -> (f64, usize, Exchange) {
+        let stops = round.stops.len();
+        let after = |leg: usize| (leg + 1) % stops;
         // The part behind leg i, if it does not contain the end.
         let last = i + part;
         let has_part = last < stops;
@@ -114,32 +147,7 @@ impl RoundSearch<'_> {
                 offer(to(j, last) + end(i + 1) - base_m - freed_m, Exchange::Moved { is_turned: true });
             }
         }
-        if best.0 >= slack_m {
-            return false;
-        }
-        let j = best.1;
-        match best.2 {
-            Exchange::Reversed => {
-                let [low, high] = [i.min(j), i.max(j)];
-                self.cut(round, &[low, high]);
-                round.stops[low + 1..=high].reverse();
-                self.join(round, &[low, high]);
-            }
-            Exchange::Moved { is_turned } => {
-                self.cut(round, &[i, last, j]);
-                if is_turned {
-                    round.stops[i + 1..=last].reverse();
-                }
-                if j > last {
-                    round.stops[i + 1..=j].rotate_left(part);
-                    self.join(round, &[i, j - part, j]);
-                } else {
-                    round.stops[j + 1..=last].rotate_right(part);
-                    self.join(round, &[j, j + part, last]);
-                }
-            }
-        }
-        true
+        best
     }
 
     /// Takes legs that are exchanged out of the counts.

@@ -60,7 +60,8 @@ impl<'a> Rehearsal<'a> {
     /// The flight of `slots` slots from `view` on, before it begins.
     pub fn new(view: &View<'a>, slots: u64, collects: bool) -> Self {
         let queues_bits = view.belief.queues_bits.to_vec();
-        let (position, flown) = (view.position, Vec::with_capacity(slots as usize));
+        let position = view.position;
+        let flown = Vec::with_capacity(slots as usize);
         Self { view: *view, slots, collects, position, queues_bits, lost_bits: 0.0, flown }
     }
 
@@ -92,7 +93,8 @@ impl<'a> Rehearsal<'a> {
         let sensors = &self.view.table.sensors;
         let slot = self.slot();
         for id in sensors.ids() {
-            let (sampler, index) = (sensors.sampler(id), id as usize);
+            let sampler = sensors.sampler(id);
+            let index = id as usize;
             let sampled =
                 sampled_bits(sampler.mean_bits, slot) - sampled_bits(sampler.mean_bits, slot.saturating_sub(1));
             let full_bits = u64::from(self.queues_bits[index]) + sampled;
@@ -146,7 +148,8 @@ impl<'a> Rehearsal<'a> {
     /// point as they allow. Around zones it is the point.
     fn approach(&mut self, serving: &mut Serving, stop: &TimedStop, hurries: bool) {
         let table = self.view.table;
-        let (from, reach_m) = (self.position.xy(), table.limits.reach_m);
+        let from = self.position.xy();
+        let reach_m = table.limits.reach_m;
         let ranges = stop.services.iter().map(|service| range(table, service.id));
         let mut disks: Vec<Disk> = ranges.collect();
         disks.push(Disk { centre: from, radius_m: 0.0 });

@@ -72,7 +72,9 @@ pub(super) fn stops_of(flight: &Rehearsal) -> Vec<TimedStop> {
         match stops.last_mut() {
             Some(stop) if adjoins && goes_on(table, stop, end, &services) => {
                 join(stop, &services);
-                (stop.point, stop.end_slots, stop.slots) = (*end, slot, stop.slots + 1.0);
+                stop.point = *end;
+                stop.end_slots = slot;
+                stop.slots += 1.0;
             }
             _ => {
                 let least = ((end - begin.0).norm() / table.limits.reach_m).ceil().max(1.0);
@@ -138,7 +140,8 @@ fn lost_bits(flight: &Rehearsal, id: u32, visits: impl Iterator<Item = (f64, f64
     let sampler = flight.view.table.sensors.sampler(id);
     let capacity_bits = f64::from(sampler.stored_bits());
     let mut queue_bits = f64::from(flight.view.belief.queues_bits[id as usize]);
-    let (mut lost_bits, mut since) = (0.0, 0.0);
+    let mut lost_bits = 0.0;
+    let mut since = 0.0;
     for (slot, carried_bits) in visits.chain([(flight.slots as f64, 0.0)]) {
         queue_bits += sampler.mean_bits * (slot - since);
         lost_bits += (queue_bits - capacity_bits).max(0.0);

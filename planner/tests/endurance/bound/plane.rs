@@ -46,7 +46,8 @@ impl Plane {
         let mut random = Streams::new(seed).stream(Purpose::Position, 3, 0);
         let count = random.random_range(3..=8);
         let slots = random.random_range(12..=24);
-        let (side_m, capacity_bits) = (200.0, 1_000);
+        let side_m = 200.0;
+        let capacity_bits = 1_000;
         let reach_m = random.random_range(30.0..120.0);
         let fastest_bits = 1_000.0 / random.random_range(2.0..0.8 * slots as f64);
         let mut sensors: Vec<([f64; 2], u64, f64)> = Vec::new();
