@@ -1,7 +1,7 @@
 //! Where a UAV may fly: an area without no-fly zones and buildings (decisions D14 to D16).
 //!
 //! The straight way of a slot must not enter the closed ground: the interior of what all zones, and the outside of the
-//! area, cover together (`ground.rs`). On it there is one kind of ways, a file each with its part of [`Ways`]: in an
+//! area, cover together (`ground.rs`). On it there is one kind of ways, a file each with its part of `Ways`: in an
 //! open field every way is straight; the shortest way between zones bends at their corners only; on a grid (decision
 //! D17a) ways lead from the middle of a cell to that of a neighbour.
 
