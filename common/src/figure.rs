@@ -230,9 +230,9 @@ impl<T: FigureTable> Figure<T> {
 /// use skysink_common::figures;
 ///
 /// /// What the figures are computed from.
-/// struct Sums<'a>(&'a [u64]);
+/// pub struct Sums<'a>(&'a [u64]);
 /// /// A slot in which so many sensor nodes are served.
-/// struct Slot<'a>(&'a u64);
+/// pub struct Slot<'a>(&'a u64);
 ///
 /// const REAL: Figure<Results> = Figure::REAL;
 ///
