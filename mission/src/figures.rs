@@ -101,8 +101,8 @@ figures! {
     }, |m| m.run.mean_served();
     /// Length of the flight, from waypoint to waypoint, including climb.
     flown_m (FlownM) = METRES { label: "flown distance" }, |m| m.of_field(|field| field.flown_m);
-    /// Energy of the flight: what it takes from the battery (decision D10), without `uav.battery` Σ_t P(V_t) τ with the
-    /// speed V_t along the slot's path, climb included. Hovering costs P(0), charging and being down cost nothing.
+    /// Energy of the flight (decision D10): Σ_t τ P(v_t) + w max(0, Δz_t), with the horizontal speed v_t; without
+    /// `uav.battery` w is 20 N. Hovering costs P(0), charging and being down cost nothing.
     energy_j (EnergyJ) = JOULES { label: "propulsion energy" }, |m| m.of_field(|field| field.energy_j);
     /// What the batteries of the UAVs gave and took; no value without `uav.battery`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
