@@ -19,6 +19,7 @@ pub mod figure;
 pub mod file_locks;
 pub mod geodata;
 pub mod geometry;
+pub mod interpolation;
 pub mod keys;
 pub mod ledger;
 pub mod limits;

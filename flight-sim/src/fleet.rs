@@ -3,6 +3,7 @@
 //! What one UAV does is left to [`crate::flight`].
 
 use nalgebra::Point3;
+use skysink_common::interpolation::interpolate;
 use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
@@ -198,7 +199,7 @@ impl Fleet {
 fn nearest_between(from: &Point3<f64>, to: &Point3<f64>, at: &Point3<f64>) -> Point3<f64> {
     let (way, rest) = ((to - from).xy(), (at - from).xy());
     let part = if way.norm_squared() > 0.0 { way.dot(&rest) / way.norm_squared() } else { 0.0 };
-    from + (to - from) * part.clamp(0.0, 1.0)
+    interpolate(*from, *to, part.clamp(0.0, 1.0))
 }
 
 /// Takes the links out of `report` to sensor nodes that a flight of `lower` serves.

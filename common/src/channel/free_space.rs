@@ -8,6 +8,7 @@ use strum::VariantNames;
 
 use super::fading::Fading;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
+use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 use crate::units::ratio_of_db;
@@ -153,7 +154,7 @@ impl ChannelModel for FreeSpace {
 #[must_use]
 pub fn draw_gain_db([lowest_db, highest_db]: [f64; 2], streams: &Streams, slot: u64, sensor: u32) -> f64 {
     let fraction: f64 = streams.stream(Purpose::Gain, slot, sensor).random();
-    lowest_db + (highest_db - lowest_db) * fraction
+    interpolate(lowest_db, highest_db, fraction)
 }
 
 #[cfg(test)]

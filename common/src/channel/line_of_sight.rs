@@ -14,6 +14,7 @@ use super::buildings::Buildings;
 use super::fading::Fading;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::geometry::elevation_deg;
+use crate::interpolation::interpolate;
 use crate::keys::{Accepts, FINITE, Key, Only, POSITIVE};
 use crate::random::{Purpose, Streams};
 
@@ -296,7 +297,7 @@ impl ChannelModel for LineOfSight {
         let probability = self.los_probability(uplink);
         let [seen, hidden] = self.means_by_state(uplink, value);
         // In this form the mean of two equal numbers is that number.
-        hidden + probability * (seen - hidden)
+        interpolate(hidden, seen, probability)
     }
 
     /// If the rate in line of sight is the lower one, a link that is never in line of sight is best. Where line of
@@ -304,7 +305,7 @@ impl ChannelModel for LineOfSight {
     fn best_mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
         let [seen, hidden] = self.means_by_state(uplink, value);
         let probability = self.los_probability(uplink);
-        let seen = if self.stays() { seen } else { hidden + probability * (seen - hidden) };
+        let seen = if self.stays() { seen } else { interpolate(hidden, seen, probability) };
         seen.max(hidden)
     }
 

@@ -18,6 +18,7 @@ use super::table::Step;
 use crate::csv_rows::{grid_axes, read_rows};
 use crate::error::{InputError, read_bytes, read_text};
 use crate::geometry::Position;
+use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams, normal_cdf, normal_pair};
 
@@ -258,7 +259,7 @@ fn between(step: Step, level: impl Fn(usize) -> f64) -> f64 {
     }
     let high = level(step.index + 1);
     let is_link = low.is_finite() && high.is_finite();
-    if is_link { (low + step.fraction * (high - low)).min(low.max(high)) } else { NO_LINK }
+    if is_link { interpolate(low, high, step.fraction).min(low.max(high)) } else { NO_LINK }
 }
 
 /// What a planner takes for the SNR that does not know the map: it falls with the distance.

@@ -10,6 +10,7 @@ use xxhash_rust::xxh3::xxh3_128;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::csv_rows::{grid_axes, read_rows};
 use crate::error::{InputError, read_text};
+use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 
@@ -204,7 +205,7 @@ impl Step {
 
     fn between(self, value: impl Fn(usize) -> f64) -> f64 {
         let low = value(self.index);
-        if self.fraction == 0.0 { low } else { low + self.fraction * (value(self.index + 1) - low) }
+        if self.fraction == 0.0 { low } else { interpolate(low, value(self.index + 1), self.fraction) }
     }
 
     fn slope(self, values: &[f64], value: impl Fn(usize) -> f64) -> f64 {

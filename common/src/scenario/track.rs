@@ -8,6 +8,8 @@ use toml::Value;
 use super::mission::Scenario;
 use super::uav::Climb;
 use crate::error::{InputError, line_of, quoted, read_text};
+use crate::interpolation::interpolate;
+use crate::slack::ALTITUDE_SLACK;
 
 /// Most slots of a mission with a track: each has its waypoint in the scenario of the run.
 pub const MOST_TRACK_SLOTS: u64 = 1_000_000;
@@ -99,7 +101,7 @@ fn at(from: &TimedPoint, to: &TimedPoint, time_s: f64) -> Point3<f64> {
     if time_s <= from.time_s {
         return from.at;
     }
-    from.at + (to.at - from.at) * ((time_s - from.time_s) / (to.time_s - from.time_s))
+    interpolate(from.at, to.at, (time_s - from.time_s) / (to.time_s - from.time_s))
 }
 
 /// The rows of the text of a track, at least one, at ascending times.

@@ -14,6 +14,8 @@ use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
+use crate::interpolation::interpolate;
+use crate::loss_rate::LossRate;
 use crate::ledger::Ledger;
 use crate::message::SensorNode;
 use crate::nodes::energy::HarvestTrace;
@@ -409,7 +411,7 @@ fn draw(scenario: &Scenario, border: Option<&Polygon>, id: u32) -> Sensor {
         let [x, y] = [stream.random::<f64>(), stream.random::<f64>()];
         let drawn = match border.map(Polygon::extent) {
             None => Position::new(x * scenario.area.width_m(), y * scenario.area.height_m()),
-            Some([low, high]) => Position::new(low.x + x * (high.x - low.x), low.y + y * (high.y - low.y)),
+            Some([low, high]) => Position::new(interpolate(low.x, high.x, x), interpolate(low.y, high.y, y)),
         };
         if border.is_none_or(|border| border.encloses(&drawn)) {
             break drawn;
@@ -447,7 +449,7 @@ fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u
         return lowest;
     }
     let fraction: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
-    (lowest + (highest - lowest) * fraction).min(highest)
+    interpolate(lowest, highest, fraction).min(highest)
 }
 
 /// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at its buffer [bit].
