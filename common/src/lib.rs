@@ -24,6 +24,7 @@ pub mod keys;
 pub mod ledger;
 pub mod limits;
 pub mod link_places;
+pub mod loss_rate;
 pub mod markup;
 pub mod message;
 pub mod nodes;

@@ -25,7 +25,7 @@ use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
 use crate::unflown::UnflownFlights;
-use skysink_mission::bounds::{MissionBounds, bounds, fraction, loss_rate};
+use skysink_mission::bounds::{MissionBounds, bounds, loss_rate};
 use skysink_mission::meter::MissionMeter;
 use skysink_mission::metrics::Metric;
 

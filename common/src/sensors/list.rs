@@ -366,27 +366,29 @@ impl SensorList {
         Sensors { sampling: self.sampling(scenario), ..Sensors::of(scenario, &self.nodes()) }
     }
 
+    /// Mean bits that each sensor node samples in a slot, `s_i τ`.
+    fn means_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
+        self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s))
+    }
+
     /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.
     pub fn slot_bits(&self, scenario: &Scenario) -> f64 {
-        self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
+        self.means_bits(scenario).sum()
     }
 
-    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all of them or none.
-    pub fn expiring_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
-        let counts = scenario.node_traits().loses_initial;
-        self.sensors.iter().map(move |sensor| if counts { f64::from(sensor.queue_bits) } else { 0.0 })
+    /// The loss rate of all sensor nodes.
+    pub fn loss_rate(&self, scenario: &Scenario) -> LossRate {
+        LossRate::of(scenario, self.means_bits(scenario))
     }
 
-    /// Bits that all sensor nodes sample in the mission, of which a loss rate is a fraction: their mean if arrivals are
-    /// constant (decision D3), otherwise those that are drawn (decision D24); with [`Self::expiring_bits`].
+    /// Bits that count as sampled in the whole mission ([`LossRate::sampled_bits`]).
     pub fn mission_bits(&self, scenario: &Scenario) -> f64 {
-        let sampling = self.sampling(scenario);
-        if sampling.is_drawn() {
+        let initial_bits = self.sensors.iter().map(|sensor| f64::from(sensor.queue_bits)).sum();
+        let drawn_bits = || {
+            let sampling = self.sampling(scenario);
             (0..self.sensors.len()).map(|id| sampling.sampled_bits(id, scenario.slots)).sum::<u64>() as f64
-                + self.expiring_bits(scenario).sum::<f64>()
-        } else {
-            self.slot_bits(scenario) * scenario.slots as f64 + self.expiring_bits(scenario).sum::<f64>()
-        }
+        };
+        self.loss_rate(scenario).sampled_bits(scenario.slots, initial_bits, drawn_bits)
     }
 
     /// The list as published on the topic `sensors`.

@@ -20,6 +20,9 @@ const ROUNDING: f64 = 1e-9;
 /// A gap between the length of an order and its bound above this fraction is closed by the cone program.
 const GAP: f64 = 1e-6;
 
+/// Least length of a leg that has a direction, as a fraction of the radius.
+const LEAST_LEG: f64 = 1e-7;
+
 /// Most sweeps over the points of an order.
 const SWEEPS: usize = 40;
 

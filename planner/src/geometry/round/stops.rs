@@ -20,7 +20,13 @@ const INNER: f64 = 1.0 - 2e-7;
 const LEAST_RADIUS: f64 = 1e-9;
 
 /// What rounding may add to the distance of a stop from its centre, as a fraction of the largest coordinate.
-const ROUNDING: f64 = 1e-14;
+const COORDINATE_ROUNDING: f64 = 1e-14;
+
+/// A turn of a stop about its centre below this [rad] ends the search for its angle.
+const SETTLED_RAD: f64 = 1e-7;
+
+/// Stops that all move by less than this fraction of the radius stay.
+pub const SETTLED: f64 = 1e-9;
 
 /// Distances below this [m] are rounding.
 const LEAST_M: f64 = 1e-150;
