@@ -41,6 +41,7 @@ pub mod sampling;
 pub mod scenario;
 pub mod sensors;
 pub mod simd;
+pub mod slack;
 pub mod slot_record;
 pub mod stop;
 pub mod terminal;

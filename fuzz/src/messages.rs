@@ -92,7 +92,7 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     let area = &scenario.area;
     let here = report.position().xy();
     assert!(within(&before.position().xy(), &here, scenario.reach_m()), "{before:?}, {report:?}");
-    let rounding_m = 1e-9 * area.width_m().max(area.height_m()); // of a waypoint on the border
+    let rounding_m = area.border_slack_m();
     assert!(area.contains(&here, rounding_m), "{report:?}");
     let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
     assert!((lowest_m..=highest_m).contains(&report.z_m), "{lowest_m} to {highest_m}: {report:?}");

@@ -49,7 +49,7 @@ impl Losses {
         (!self.weights.are_equal()).then(|| self.weights.sum(lost_bits()))
     }
 
-    /// Bits sampled so far by weight, on average if arrivals are constant (decision D3).
+    /// Bits that count as sampled so far by weight.
     pub(crate) fn weighted_sampled_bits(&self) -> f64 {
         self.rate.sampled_bits(self.slot, self.initial_bits, || {
             let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));

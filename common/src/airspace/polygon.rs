@@ -7,6 +7,9 @@ use crate::geometry::{Position, distance_squared, extent};
 /// Bends of a way, and its end.
 pub type Bends = SmallVec<[Position; 4]>;
 
+/// Least area of a polygon, relative to the square of the diagonal of its extent.
+const LEAST_AREA: f64 = 1e-12;
+
 /// Slack of crossings, as a fraction of a segment or an edge.
 const CROSSING_SLACK: f64 = 1e-12;
 
@@ -21,7 +24,7 @@ pub struct Polygon {
 }
 
 /// Depth in a zone that rounding may lead to, relative to the area.
-pub(super) const ROUNDING: f64 = 1e-12;
+pub(super) const DEPTH_SLACK: f64 = 1e-12;
 
 /// A zone up to an altitude.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +53,7 @@ impl Polygon {
         }
         let mut ring = Self::ring(corners, is_border);
         let twice_m2 = ring.twice_m2();
-        if twice_m2.abs() <= 1e-12 * (ring.highest - ring.lowest).norm_squared() || ring.crosses_itself() {
+        if twice_m2.abs() <= LEAST_AREA * (ring.highest - ring.lowest).norm_squared() || ring.crosses_itself() {
             return Err(EXPECTED);
         }
         if (twice_m2 > 0.0) == is_border {

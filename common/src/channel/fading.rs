@@ -50,6 +50,8 @@ const LAST_NODE: usize = 44 * 16;
 const LARGE: f64 = 500.0;
 /// Steps in a mean over draws.
 const STEPS: usize = 2_048;
+/// Probability that the quadrature of the steps may have missed.
+const QUADRATURE_MARGIN: f64 = 1e-9;
 
 /// A law of fading.
 #[derive(Clone, Copy)]
@@ -240,7 +242,7 @@ impl Table {
         };
         let mut steps: Vec<[f64; 2]> = (0..STEPS).map(|step| [probability(step), law.gain(end(step + 1))]).collect();
         let left = 1.0 - steps.iter().map(|[probability, _]| probability).sum::<f64>();
-        steps.push([left.max(0.0) + 1e-9, law.gain(law.highest().max(end(STEPS)))]);
+        steps.push([left.max(0.0) + QUADRATURE_MARGIN, law.gain(law.highest().max(end(STEPS)))]);
         steps
     }
 

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::area::CORNERS;
 use crate::base::Charger;
 use crate::keys::{Accepts, NOT_NEGATIVE, POSITIVE};
+use crate::slack::SLOTS_SLACK;
 
 crate::keys! {
     /// `[base]`: the disk, or the polygons, in which a UAV lands and charges (decision D9).
@@ -65,14 +66,11 @@ impl SiteKeys {
     pub fn charger(&self, slot_s: f64) -> Charger {
         Charger {
             charge_w: self.charge_w.unwrap_or_default(),
-            swap_slots: self.swap_s.map(|swap_s| (swap_s / slot_s - SLACK_SLOTS).ceil() as u64), // saturates
+            swap_slots: self.swap_s.map(|swap_s| (swap_s / slot_s - SLOTS_SLACK).ceil() as u64), // saturates
             pads: self.pads.unwrap_or(PADS),
         }
     }
 }
-
-/// Slack of a number of slots, so that rounding adds none.
-const SLACK_SLOTS: f64 = 1e-9;
 
 /// Capacities in which the energy of a slot is not lost in rounding.
 const CAPACITY_J: Accepts =

@@ -16,6 +16,7 @@ use crate::error::InputError;
 use crate::geodata::plausible::NamedPolygon;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
 use crate::nodes::{NODE_ROWS, SensorKeys};
+use crate::slack::TIME_SLACK;
 
 /// The file of the arrivals in a run folder.
 pub const TRACE: &str = "arrivals.csv";
@@ -242,7 +243,7 @@ impl Scenario {
     /// The last slot that the UAV number `uav` flies in: that of the mission, or where its own endurance ends.
     pub fn slots_of(&self, uav: usize) -> u64 {
         let own =
-            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
+            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + TIME_SLACK)).floor() as u64);
         own.map_or(self.slots, |own| own.min(self.slots))
     }
 

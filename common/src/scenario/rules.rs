@@ -20,6 +20,10 @@ use crate::keys::{self, Keys, Only};
 use crate::nodes::keys::MAX_FIELD_BITS;
 use crate::nodes::{NODE_ROWS, SILENT};
 use crate::presets;
+use crate::slack::TIME_SLACK;
+
+/// Slack of a probability that has to be 1.
+const CERTAIN_SLACK: f64 = 1e-9;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
 pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
@@ -67,7 +71,7 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;
 
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
-    rule(flight_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
+    rule(flight_s <= uav.endurance_s * (1.0 + TIME_SLACK), "uav.endurance_s", &expected)?;
     let wind_mps = scenario.wind_mps().norm();
     let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
@@ -79,7 +83,7 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
     rule(are_starts, "uav.starts_m", &expected_starts)?;
     let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
-        let is_time = |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + 1e-12) >= scenario.slot_s;
+        let is_time = |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
         uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
     });
     let expected =
@@ -128,7 +132,7 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         }
     }
     if let Some(LosCurve::Logistic { b3, b4, .. }) = link.los {
-        rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
+        rule((b3 + b4 - 1.0).abs() < CERTAIN_SLACK, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
     rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)?;

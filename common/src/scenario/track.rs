@@ -14,8 +14,8 @@ use crate::slack::ALTITUDE_SLACK;
 /// Most slots of a mission with a track: each has its waypoint in the scenario of the run.
 pub const MOST_TRACK_SLOTS: u64 = 1_000_000;
 
-/// Slack of altitudes and times against rounding, relative to them.
-const ROUNDING: f64 = 1e-9;
+/// Slack of the end of a track, relative to that of the mission.
+const END_SLACK: f64 = 1e-9;
 
 /// The keys of a fixed flight.
 const KEYS: [&str; 2] = ["uav.track", "uav.waypoints_m"];
@@ -59,7 +59,7 @@ pub(super) fn read_file(scenario: &mut Scenario, held: Option<String>) -> Result
     let TrackRows { points, lines } = rows;
     let end_s = scenario.slots as f64 * scenario.slot_s;
     let last = points[points.len() - 1];
-    if last.time_s < end_s * (1.0 - ROUNDING) {
+    if last.time_s < end_s * (1.0 - END_SLACK) {
         let expected = format!("a last row at the end of the mission, {end_s} s, or later");
         let message =
             format_args!("line {}: it ends at {} s: expected {expected}", lines[lines.len() - 1], last.time_s);
@@ -173,13 +173,13 @@ pub(super) fn check(scenario: &Scenario, file: Option<&TrackFile>) -> Result<(),
         return Err(scenario.refusal(key, &value, &format!("one for each of the {} slots", scenario.slots)));
     }
     let airspace = scenario.airspace_without_ways();
-    let slack_m = ROUNDING * scenario.area.width_m().max(scenario.area.height_m());
+    let slack_m = scenario.area.border_slack_m();
     let mut from = scenario.start();
     for (index, &[x_m, y_m, z_m]) in waypoints_m.iter().take(scenario.slots as usize).enumerate() {
         let to = Point3::new(x_m, y_m, z_m);
         let leg_m = (to.xy() - from.xy()).norm();
         let [lowest_m, highest_m] = scenario.altitudes_m(from.z);
-        let is_high = (lowest_m * (1.0 - ROUNDING)..=highest_m * (1.0 + ROUNDING)).contains(&z_m);
+        let is_high = (lowest_m * (1.0 - ALTITUDE_SLACK)..=highest_m * (1.0 + ALTITUDE_SLACK)).contains(&z_m);
         let expected = if !scenario.area.contains(&to.xy(), slack_m) {
             format!("a place in the area, [0, {}] × [0, {}]", scenario.area.width_m(), scenario.area.height_m())
         } else if !scenario.reaches(&from.xy(), &to.xy()) {

@@ -108,9 +108,12 @@ impl Autopilot {
     }
 }
 
-/// A hold [s] rounded up to whole seconds; up to a nanosecond, so that sums of slots are not rounded up.
+/// Slack of a hold [s], so that sums of slots are not rounded up.
+const HOLD_SLACK_S: f64 = 1e-9;
+
+/// A hold [s] rounded up to whole seconds.
 pub fn whole_s(hold_s: f64) -> f64 {
-    if hold_s > 1e-9 { (hold_s - 1e-9).ceil() } else { 0.0 }
+    if hold_s > HOLD_SLACK_S { (hold_s - HOLD_SLACK_S).ceil() } else { 0.0 }
 }
 
 impl VehicleMotion {

@@ -13,6 +13,9 @@ use skysink_common::message::SolverOutcome;
 use crate::geometry::disks::{Disk, project};
 use crate::mission_table::MissionTable;
 
+/// A waypoint that moves less than this [m] in a step has settled.
+pub(super) const SETTLED_M: f64 = 1e-6;
+
 /// Nearer than this [m] on the ground, the UAV is straight above an SN.
 const ABOVE_M: f64 = 1e-9;
 
