@@ -40,6 +40,7 @@ pub mod reported;
 pub mod sampling;
 pub mod scenario;
 pub mod sensors;
+mod shared;
 pub mod simd;
 pub mod slack;
 pub mod slot_record;

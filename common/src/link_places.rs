@@ -1,5 +1,7 @@
 //! The map of links of a scenario, at the places of its sensor nodes (decision D32).
 
+use std::sync::Arc;
+
 use crate::channel::{LinkBudget, LinkMap};
 use crate::error::InputError;
 use crate::geometry::Position;
@@ -35,7 +37,7 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
     }
     let (names, has_others) = map.names();
     if map.is_placed() {
-        return Ok(Some(map));
+        return Ok(Some(Arc::clone(map)));
     }
     let refuse = |message: String| InputError::new("channel", &scenario.beside(file), message);
     let list = SensorList::without_arrivals(scenario)?;

@@ -17,6 +17,7 @@ mod uav;
 mod zones;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use toml::{Table, Value};
 
@@ -73,10 +74,10 @@ pub struct Overrides {
     /// Replaces any keys, before the replacements above.
     pub keys: Vec<Setting>,
     /// Replaces the content of the file `link.file`, which is then not read.
-    pub table: Option<&'static RateTable>,
-    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has no
-    /// places of sensor nodes, they are those of the list.
-    pub map: Option<&'static LinkMap>,
+    pub table: Option<Arc<RateTable>>,
+    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has
+    /// no places of sensor nodes, they are those of the list.
+    pub map: Option<Arc<LinkMap>>,
     /// Replaces the content of the file `uav.track`, which is then not read.
     pub track: Option<String>,
 }
@@ -181,7 +182,7 @@ impl Scenario {
         scenario.link.table = match (scenario.channel_file(), overrides.table) {
             (None, _) => None,
             (Some(_), Some(table)) => Some(table),
-            (Some(path), None) => Some(RateTable::read(&path)?.held()),
+            (Some(path), None) => Some(RateTable::read(&path)?.shared()),
         };
         if let Some((rates, radius_m)) = preset_rates::rates(&scenario)? {
             scenario.link.table = Some(rates);
@@ -194,7 +195,7 @@ impl Scenario {
                 None => LinkMap::read(&scenario.beside(file), rates.as_deref())?,
             });
         }
-        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
+        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().shared());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }

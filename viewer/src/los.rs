@@ -49,14 +49,9 @@ pub(crate) struct Los {
 }
 
 impl Los {
-    /// Styles the curves and the 3D entities; `None` for channels without a random line of sight.
-    pub(crate) fn open(
-        canvas: &Canvas,
-        scenario: &Scenario,
-        sensors: &Arc<Sensors>,
-        sizes: &Sizes,
-    ) -> RecordingStreamResult<Option<Self>> {
-        let Some(&link) = Channel::of(&scenario.link).random_sight() else {
+    /// Styles the curves and the 3D entities.
+    fn open(canvas: &Canvas, LayerSetup { scenario, sensors, sizes }: LayerSetup<'_>) -> OpenLayer {
+        let Some(link) = Channel::of(&scenario.link).random_sight().cloned() else {
             return Ok(None);
         };
         log_styles(canvas)?;

@@ -62,7 +62,7 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
 
 /// Draws the shadows of the buildings among `sensors`; nothing if line of sight does not depend on buildings.
 pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensors) -> RecordingStreamResult<()> {
-    let Some(buildings) = Channel::of(&scenario.link).buildings() else { return Ok(()) };
+    let Some(buildings) = &scenario.link.buildings else { return Ok(()) };
     let share = |at: Position| {
         let (mut in_range, mut seen) = (0, 0);
         sensors.grid.visit_within(&at, scenario.link.comm_radius_m, |node| {

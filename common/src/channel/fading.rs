@@ -8,7 +8,7 @@
 use std::f64::consts::{LN_10, LOG2_E};
 use std::fmt;
 use std::ops::RangeInclusive;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
@@ -54,9 +54,9 @@ const STEPS: usize = 2_048;
 const QUADRATURE_MARGIN: f64 = 1e-9;
 
 /// A law of fading.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct Fading {
-    table: &'static Table,
+    table: Arc<Table>,
 }
 
 impl PartialEq for Fading {
@@ -172,14 +172,14 @@ impl Fading {
     }
 
     fn of(law: Law) -> Self {
-        static TABLES: Mutex<Vec<&'static Table>> = Mutex::new(Vec::new());
+        static TABLES: Mutex<VecDeque<Arc<Table>>> = Mutex::new(VecDeque::new());
         let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = tables.iter().copied().find(|table| table.law == law);
-        let table = known.unwrap_or_else(|| {
-            let table: &'static Table = Box::leak(Box::new(Table::new(law))); // one for each law of a process
-            tables.push(table);
-            table
-        });
+        if let Some(table) = tables.iter().find(|table| table.law == law) {
+            return Self { table: Arc::clone(table) };
+        }
+        let table = Arc::new(Table::new(law));
+        tables.truncate(MOST_TABLES - 1);
+        tables.push_front(Arc::clone(&table));
         Self { table }
     }
 

@@ -1,11 +1,9 @@
 //! A channel of one's own: the distribution of the rate over distance and altitude, as a table (decision D30).
 
-use std::collections::HashMap;
 use std::path::Path;
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::Arc;
 
 use rand::RngExt;
-use xxhash_rust::xxh3::xxh3_128;
 
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::csv_rows::{grid_axes, read_rows};
@@ -13,6 +11,7 @@ use crate::error::{InputError, read_text};
 use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
+use crate::shared::SharedValues;
 
 /// The file of the models `table` and `map`.
 pub(crate) const FILE: Only =
@@ -144,10 +143,9 @@ impl RateTable {
 
     /// Holds the table for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
     #[must_use]
-    pub fn held(self) -> &'static Self {
-        static HELD: LazyLock<Mutex<HashMap<u128, &'static RateTable>>> = LazyLock::new(Mutex::default);
-        let key = xxh3_128(self.to_csv().as_bytes());
-        HELD.lock().unwrap_or_else(PoisonError::into_inner).entry(key).or_insert_with(|| Box::leak(Box::new(self)))
+    pub fn shared(self) -> Arc<Self> {
+        static ALL: SharedValues<RateTable> = SharedValues::new();
+        ALL.share(self, Self::eq)
     }
 
     /// Bilinear in distance and altitude, of `value` at the points of the grid.
@@ -217,10 +215,10 @@ impl Step {
 }
 
 /// The parameters of an uplink of a table.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TableChannel {
     /// The table.
-    pub table: &'static RateTable,
+    pub table: Arc<RateTable>,
     /// Time for communication in a slot, `τ_c` [s].
     pub comm_s: f64,
 }
@@ -303,7 +301,7 @@ mod tests {
     }
 
     fn channel() -> TableChannel {
-        TableChannel { table: table().held(), comm_s: 0.1 }
+        TableChannel { table: table().shared(), comm_s: 0.1 }
     }
 
     fn uplink(d_m: f64, z_m: f64) -> Uplink {
@@ -330,7 +328,8 @@ mod tests {
     fn a_written_table_reads_back_exactly() {
         let text = table().to_csv();
         assert_eq!(RateTable::parse(&text, Path::new("a.csv")).unwrap(), table());
-        assert_eq!(table().held() as *const _, table().held() as *const _, "held once");
+        let table = table().shared();
+        assert!(Arc::ptr_eq(&table, &self::table().shared()), "held once");
     }
 
     #[test]

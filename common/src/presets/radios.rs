@@ -51,8 +51,8 @@ const fn cqi(snr_db: f64, efficiency: f64) -> RateStep {
 
 /// LoRa at 868 MHz with 14 dBm in 125 kHz, coding rate 4/5, frames of the largest EU868 payload.
 const fn lora(name: &'static str, steps: &'static [RateStep], setup_s: [f64; 2]) -> Radio {
-    let source = "sensitivity: SX1272 data sheet; payload rate: time on air of the largest EU868 frame, computed; n and first \
-                  contact unverified";
+    let source = "sensitivity: SX1272 data sheet; payload rate: time on air of the largest EU868 frame, computed; n \
+                  and first contact unverified";
     Radio { name, first_metre_db: AT_868_MHZ_DB, tx_dbm: 14.0, steps, resource_blocks: 8, setup_s, source }
 }
 

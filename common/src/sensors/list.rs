@@ -216,8 +216,8 @@ impl SensorList {
     pub fn files_beside(&self, scenario: &Scenario) -> impl Iterator<Item = (&'static str, String)> {
         let trace = self.trace.as_ref().map(|trace| (TRACE, trace.to_csv()));
         let of_features = self.files.iter().map(|(name, file)| (*name, file.to_csv()));
-        let table = scenario.link.table.map(|table| (CHANNEL, table.to_csv()));
-        let (levels, rates) = scenario.link.map.map_or((None, None), |map| {
+        let table = scenario.link.table.as_ref().map(|table| (CHANNEL, table.to_csv()));
+        let (levels, rates) = scenario.link.map.as_ref().map_or((None, None), |map| {
             let (levels, rates) = map.to_csv();
             (Some((CHANNEL, levels)), rates.map(|rates| (RATES, rates)))
         });

@@ -149,7 +149,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
 #[test]
 fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
-    let los = *Channel::of(&scenario.link).line_of_sight().unwrap();
+    let los = Channel::of(&scenario.link).line_of_sight().unwrap().clone();
     let climb = scenario.uav.climb().unwrap();
     assert_eq!(los.curve(), Some(&LosCurve::Sigmoid { a: 9.61, b: 0.16 }), "urban");
     // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01

@@ -138,8 +138,8 @@ impl Sweep {
     fn held(&self, name: &str) -> Option<String> {
         let Overrides { table, map, .. } = &self.base.held;
         match name {
-            CHANNEL => table.map(RateTable::to_csv).or_else(|| map.map(|map| map.to_csv().0)),
-            RATES => map.and_then(|map| map.to_csv().1),
+            CHANNEL => table.as_deref().map(RateTable::to_csv).or_else(|| map.as_ref().map(|map| map.to_csv().0)),
+            RATES => map.as_ref().and_then(|map| map.to_csv().1),
             _ => None,
         }
     }

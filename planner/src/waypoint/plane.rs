@@ -88,8 +88,8 @@ mod tests {
     }
 
     fn free_space(table: &MissionTable) -> FreeSpace {
-        let Channel::FreeSpace(model) = table.channel else { panic!("the letter's channel is free space") };
-        model
+        let Channel::FreeSpace(model) = &table.channel else { panic!("the letter's channel is free space") };
+        model.clone()
     }
 
     fn assert_waypoint(problem: &Problem, expected: [f64; 2]) {

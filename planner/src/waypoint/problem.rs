@@ -70,7 +70,7 @@ impl Problem {
     pub fn new(table: &MissionTable) -> Self {
         let served = table.limits.blocks();
         Self {
-            channel: table.channel,
+            channel: table.channel.clone(),
             disks: Vec::with_capacity(served + 1),
             gains: Vec::with_capacity(served),
             altitudes_m: [0.0; 2],
@@ -292,7 +292,7 @@ pub(crate) mod tests {
         ) {
             let (los_exponent, nlos_exponent) = exponents;
             let link = LineOfSight { sight: Sight::Curve(curve), fading, los_exponent, nlos_exponent, ..dense_urban() };
-            let problem = posed(link, &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
+            let problem = posed(link.clone(), &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
             let at = Point3::new(at.0, at.1, at.2);
             let slope = problem.ascent(&at);
             // A logistic curve has a corner where it reaches 0, which no difference may straddle.

@@ -13,7 +13,7 @@ use skysink_viewer::{Scene, Sinks, WallClock, colour, legend, links, uav};
 const SENSORS: u32 = 20;
 
 fn link() -> LineOfSight {
-    *Channel::of(&town().link).line_of_sight().expect("the town has buildings")
+    Channel::of(&town().link).line_of_sight().cloned().expect("the town has buildings")
 }
 
 /// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line

@@ -20,7 +20,7 @@ fn mapped() -> Scenario {
     let axes_m = [vec![0.0, 50.0, 100.0], vec![0.0], vec![20.0]];
     let map = LinkMap::of_arrays(axes_m, &[3, 1, 1, 3], &levels, None).unwrap();
     let places: Vec<Position> = sensors(SENSORS).positions.clone();
-    let overrides = Overrides { map: Some(map.at_places(&places).held()), ..Overrides::default() };
+    let overrides = Overrides { map: Some(map.at_places(&places).shared()), ..Overrides::default() };
     let text = "name = 'mapped'\nlink = { model = 'map', file = 'none.csv', comm_radius_m = 200.0 }\n";
     Scenario::parse(text, Path::new("mapped.toml"), overrides).unwrap()
 }
