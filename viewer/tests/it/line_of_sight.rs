@@ -112,7 +112,7 @@ fn the_curves_contain_probability_and_elevation_of_every_link() {
 
 #[test]
 fn only_a_probabilistic_channel_shows_line_of_sight() {
-    let roots = [los::SPACE, "metrics/los", profile::PROFILE, legend::LOS_PAGE].map(|root| format!("/{root}"));
+    let roots = [los::SPACE, "metrics/los", profile::PROFILE, los::PAGE].map(|root| format!("/{root}"));
     let is_there = |found: &Found, root: &str| {
         found.cells.keys().any(|(entity, ..)| entity == root || entity.starts_with(&format!("{root}/")))
     };
@@ -123,7 +123,7 @@ fn only_a_probabilistic_channel_shows_line_of_sight() {
         assert!(is_there(&town, &root) && !is_there(&free_space, &root), "{root}");
     }
     assert!(has_tab(&town) && !has_tab(&free_space));
-    let page = town.text(legend::LOS_PAGE, "TextDocument:text", None);
+    let page = town.text(los::PAGE, "TextDocument:text", None);
     assert!(page.contains("Why climb?") && page.contains("drawn anew in each slot"), "{page}");
     let page = town.text(legend::PAGE, "TextDocument:text", None);
     assert!(page.contains("altitudes from 20 m to 120 m") && page.contains("sight blocked"), "{page}");
@@ -154,5 +154,5 @@ fn at_a_fixed_altitude_the_profile_spans_half_below_and_half_above() {
     assert!(ticks.contains("20 m") && ticks.contains("60 m"), "{ticks}");
     let flown = found.text(profile::FLOWN, "LineStrips2D:strips", Some(1));
     assert_eq!(flown.matches("100.0").count(), 3, "in the middle of 200, from 0 to 100: {flown}");
-    assert!(found.text(legend::LOS_PAGE, "TextDocument:text", None).contains("its altitude is fixed"));
+    assert!(found.text(los::PAGE, "TextDocument:text", None).contains("its altitude is fixed"));
 }
