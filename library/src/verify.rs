@@ -142,7 +142,7 @@ impl FlownFlight {
     /// If the scenario of a seed is refused.
     pub(crate) fn bound(&self) -> Result<Option<f64>, MissionError> {
         // The bounds know of no sensor node that stops sampling.
-        if self.open.scenario.sensors.energy.is_some() {
+        if self.open.scenario.node_traits().may_die {
             return Ok(None);
         }
         let of_seed = |(&seed, &lost_bits): (&u64, &u64)| {

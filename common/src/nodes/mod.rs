@@ -103,6 +103,11 @@ impl NodeRow {
     }
 }
 
+/// The files of all features.
+pub fn files() -> impl Iterator<Item = NodeFile> {
+    NODE_ROWS.into_iter().filter_map(|row| row.file)
+}
+
 /// The columns of all features.
 pub fn columns() -> impl Iterator<Item = &'static NodeColumn> {
     NODE_ROWS.into_iter().flat_map(|row| row.columns)

@@ -27,6 +27,13 @@ pub const CHANNEL: &str = "channel.csv";
 /// The rates of the SNRs of a map of links, in the folder of a run.
 pub const RATES: &str = "rates.csv";
 
+/// Whether a run folder keeps under this name a file that its scenario reads besides the sensor list: arrivals, a file
+/// of a feature of the sensor nodes, a channel.
+#[must_use]
+pub fn is_kept_file(name: &str) -> bool {
+    [TRACE, CHANNEL, RATES].contains(&name) || nodes::files().any(|file| file.name == name)
+}
+
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
 
