@@ -197,7 +197,8 @@ impl Fleet {
 
 /// The point of the way from `from` to `to` that is nearest to `at`, seen from above.
 fn nearest_between(from: &Point3<f64>, to: &Point3<f64>, at: &Point3<f64>) -> Point3<f64> {
-    let (way, rest) = ((to - from).xy(), (at - from).xy());
+    let way = (to - from).xy();
+    let rest = (at - from).xy();
     let part = if way.norm_squared() > 0.0 { way.dot(&rest) / way.norm_squared() } else { 0.0 };
     interpolate(*from, *to, part.clamp(0.0, 1.0))
 }
@@ -307,7 +308,8 @@ mod tests {
                 Plan::fly_to([x_m, 50.0, 20.0], mode)
             };
             let plans: Vec<Plan> = modes.chars().zip([50.0, 60.0]).map(of).collect();
-            let (mut restarted, mut saved) = (fleet.clone(), Vec::new());
+            let mut restarted = fleet.clone();
+            let mut saved = Vec::new();
             reports.save(&mut saved);
             let mut again = fleet.start();
             again.restore(&saved).unwrap();

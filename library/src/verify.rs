@@ -301,7 +301,8 @@ fn fly(
     let mut plant = Plant::new(&scenario, &list);
     let mut meter = MissionMeter::new(&scenario, &list);
     let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect()));
-    let (blocks, sensors) = (scenario.link.resource_blocks, list.sensors().len());
+    let blocks = scenario.link.resource_blocks;
+    let sensors = list.sensors().len();
     let mut same = SameFlight { moves: flight, path, blocks, sensors };
     drive(&mut plant, &mut pilot, &mut [&mut meter, &mut same], stop)?.unless_stopped()?;
     require_landed(&scenario, &plant, path)?;
@@ -365,7 +366,8 @@ impl SameFlight<'_> {
     /// How a flight differs from its plan.
     fn deviation(&self, planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
         let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-        let (at, to) = (flight.position(), planned.position);
+        let at = flight.position();
+        let to = planned.position;
         let mode = flight.flown_mode();
         if mode == Mode::Down {
             return Some("the UAV is down: expected enough energy; it charges in the mode `charge` only".to_owned());
@@ -380,7 +382,9 @@ impl SameFlight<'_> {
             ));
         }
         if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
-            let (count, blocks, sensors) = (planned.scheduled.len(), self.blocks, self.sensors);
+            let count = planned.scheduled.len();
+            let blocks = self.blocks;
+            let sensors = self.sensors;
             return Some(match (*id as usize >= sensors, count > blocks) {
                 (true, _) => format!("sensor node {id}: expected a number from 0 to {}", sensors - 1),
                 (_, true) => format!("{count} sensor nodes are scheduled: expected at most {blocks} at once"),

@@ -68,7 +68,8 @@ pub fn differences(episode: &mut Episode, plans: &Plans, rewards: &mut [f32]) ->
     let reaches = |uav: usize, id: u32| {
         let flight = episode.plant.flight(uav);
         let serves = !matches!(flight.flown_mode(), Mode::Hold | Mode::Charge | Mode::Down);
-        let (sensor, radius_m) = (episode.field.sensors.position(id), episode.field.limits.comm_radius_m);
+        let sensor = episode.field.sensors.position(id);
+        let radius_m = episode.field.limits.comm_radius_m;
         serves && ids[uav].contains(&id) && within(sensor, &flight.position().xy(), radius_m)
     };
     for (uav, reward) in rewards.iter_mut().enumerate() {

@@ -156,7 +156,8 @@ const RINGS: [u32; 2] = [4, 16];
 fn in_sight(scenario: &Scenario, nodes: &[SensorNode], buildings: &Buildings) -> f64 {
     let airspace = scenario.airspace_without_ways();
     let [rings, steps] = RINGS;
-    let (mut places, mut seen) = (0u32, 0u32);
+    let mut places = 0u32;
+    let mut seen = 0u32;
     for node in nodes.iter().step_by(nodes.len().div_ceil(LOOKED_AT).max(1)) {
         let sensor = Position::new(node.x_m, node.y_m);
         for place in 0..rings * steps {

@@ -64,7 +64,8 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
 pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensors) -> RecordingStreamResult<()> {
     let Some(buildings) = &scenario.link.buildings else { return Ok(()) };
     let share = |at: Position| {
-        let (mut in_range, mut seen) = (0, 0);
+        let mut in_range = 0;
+        let mut seen = 0;
         sensors.grid.visit_within(&at, scenario.link.comm_radius_m, |node| {
             in_range += 1;
             seen += u32::from(buildings.sees(&node.position, &above(&at, scenario.uav.altitude_m)));

@@ -147,7 +147,8 @@ impl Law {
             return (0..=nodes).map(|node| [self.gain(number(node)), self.density(number(node)) * step]).collect();
         };
         let [_, spread] = Self::amplitudes(k);
-        let (first, last) = (lowest.max(1e-9).ln(), highest.ln());
+        let first = lowest.max(1e-9).ln();
+        let last = highest.ln();
         let nodes = ((last - first) / (spread / 8.0).min(1.0 / 32.0)).ceil();
         let step = (last - first) / nodes;
         let weighted = |node: u32| {
@@ -260,7 +261,9 @@ impl Table {
         }
         let x = place - node as f64;
         let [[from, slope_from], [to, slope_to]] = [self.deficits[node], self.deficits[node + 1]];
-        let (rise, low, high) = (to - from, slope_from / NODES_PER_LN, slope_to / NODES_PER_LN);
+        let rise = to - from;
+        let low = slope_from / NODES_PER_LN;
+        let high = slope_to / NODES_PER_LN;
         let square = 3.0 * rise - 2.0 * low - high;
         let cube = low + high - 2.0 * rise;
         [from + x * (low + x * (square + x * cube)), (low + x * (2.0 * square + 3.0 * x * cube)) * NODES_PER_LN]
@@ -416,7 +419,8 @@ mod tests {
             let [first, second] = [mean(&db), mean(&|gain| db(gain).powi(2))];
             assert!(first.abs() < 4e-3 * sigma_db && (second.sqrt() / sigma_db - 1.0).abs() < 3e-3, "{first} {second}");
             for snr in [0.01, 1.0, 30.0, 1e6] {
-                let (drawn, table) = (mean(&|gain| (1.0 + snr * gain).log2()), shadowing.mean(snr));
+                let drawn = mean(&|gain| (1.0 + snr * gain).log2());
+                let table = shadowing.mean(snr);
                 assert!((drawn / table - 1.0).abs() < 0.02, "{sigma_db} dB, {snr}: {drawn}, not {table}");
                 let numeric = (shadowing.mean(snr * 1.000_1) - shadowing.mean(snr / 1.000_1)) / (2.0 * 1.000_1f64.ln());
                 assert!((shadowing.slope(snr) - numeric).abs() < 1e-5 * table.max(1.0), "{sigma_db} dB, {snr}");

@@ -80,7 +80,8 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
     assert!((mean(&queue) - 10_000.0).abs() < 290.0);
     // Rates, queues and positions are uncorrelated; a correlation has deviation 0.01.
     let together = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
-        let (mean_a, mean_b) = (mean(a), mean(b));
+        let mean_a = mean(a);
+        let mean_b = mean(b);
         let covariance = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64, mean_a: f64, mean_b: f64| {
             mean(&|id| (a(id) - mean_a) * (b(id) - mean_b))
         };

@@ -102,7 +102,8 @@ fn scenario(seed: u64) -> Scenario {
     let strategy = ["horizon", "tour"][seed as usize % 2];
     let side_m = [200.0, 400.0, 800.0][seed as usize / 2 % 3];
     let coordination = ["partition", "sequential", "independent"][seed as usize / 6 % 3];
-    let (pads, count) = (1 + seed / 3 % 2, 1 + seed / 5 % 4);
+    let pads = 1 + seed / 3 % 2;
+    let count = 1 + seed / 5 % 4;
     let [low, high, east, north] = [0.2, 0.3, 0.75, 0.6].map(|part| part * side_m);
     let charger = ["charge_w = 1500.0", "swap_s = 6.0", "charge_w = 300.0"][seed as usize / 4 % 3];
     let keys = format!(

@@ -98,7 +98,8 @@ fn by_orders_m(field: &DiskField, known_m: f64, effort: RoundEffort) -> f64 {
         let may_begin = !field.is_closed && field.start.is_none();
         let first = may_begin.then(|| (0, field.touch(disk, &order.points[0], None).1));
         for (place, point) in behind.chain(first) {
-            let (mut disks, mut points) = (order.disks.clone(), order.points.clone());
+            let mut disks = order.disks.clone();
+            let mut points = order.points.clone();
             disks.insert(place - field.fixed(), disk);
             points.insert(place, point);
             let mut further = evaluate(field, disks, Some(points));

@@ -82,7 +82,8 @@ fn a_link_has_the_colour_and_the_width_of_its_draw() {
         let text = found.text(links::LINKS, component, Some(slot));
         text.find(word).unwrap_or_else(|| panic!("no {word} in slot {slot}: {text}"))
     };
-    let (sight, blocked) = (written(colour::SIGHT), written(colour::BLOCKED));
+    let sight = written(colour::SIGHT);
+    let blocked = written(colour::BLOCKED);
     let colours = "LineStrips3D:colors";
     assert!(at(colours, 1, &blocked) < at(colours, 1, &sight), "slot 1: the second in sight");
     assert!(at(colours, 2, &sight) < at(colours, 2, &blocked), "slot 2: the first in sight");
