@@ -360,7 +360,8 @@ impl LinkBudget {
         let residual_m = self.residual_m.filter(|residual_m| *residual_m > 0.0);
         let residual_db = self.residual_db.unwrap_or(0.0);
         let is_observed = self.service == Some(LinkService::Observed);
-        Some(MapChannel { map: self.map?, residual_db, residual_m, is_observed, law: None, comm_s: self.comm_s })
+        let map = self.map.clone()?;
+        Some(MapChannel { map, residual_db, residual_m, is_observed, law: None, comm_s: self.comm_s })
     }
 
     fn free_space(&self) -> Option<FreeSpace> {
