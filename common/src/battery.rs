@@ -42,7 +42,8 @@ impl BatteryState {
     }
 }
 
-/// The battery of a UAV, and what a slot takes from it. Without `[uav.battery]` it has no end: its capacity is infinite.
+/// The battery of a UAV, and what a slot takes from it. Without `[uav.battery]` it has no end: its capacity is
+/// infinite.
 ///
 /// `E(t) = E(t−1) − τ P(v) − w max(0, Δz)`, with the propulsion power P of [`power_w`] at the horizontal speed v.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -376,8 +376,8 @@ impl SameFlight<'_> {
             let [found, stays] = [to, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
             let away_m = (to - at).norm();
             return Some(format!(
-                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot \
-                 reaches, in the area, outside of zones, apart from other UAVs, and not rounded away",
+                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a \
+                 slot reaches, in the area, outside of zones, apart from other UAVs, and not rounded away",
                 planned.mode
             ));
         }

@@ -174,7 +174,8 @@ figures! {
     completed_s (CompletedS): Option<f64> = SECONDS {
         label: "time at which all initial data is delivered", heading: "all data delivered after",
         report: Printed::Text(|summary| {
-            summary.score.map(|_| summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s")))
+            let never = || "never".to_owned();
+            summary.score.map(|_| summary.completed_s.map_or_else(never, |done_s| format!("{done_s} s")))
         })
     }, |m| m.run.completed_s;
     /// T τ − `completed_s`, or 0 if data is left, plus 100 times the fraction delivered; no value where an SN
@@ -259,9 +260,10 @@ figures! {
     held_slots (HeldSlots): u64 = COUNT { label: "slots held" }, each |held, slot| *held += slot.flown(Mode::Hold);
     /// Requests of plans that were refused: waypoints, and sensor nodes to serve.
     refused (Refused): u64 = COUNT { label: "requests refused" },
-        each |refused, slot| *refused += slot.record.flights().iter().map(|flight| u64::from(flight.refused)).sum::<u64>();
+        each |refused, slot| *refused += slot.refused();
     /// Slots in transit (decision D8).
-    transit_slots: u64 = COUNT { label: "slots in transit" }, each |transit, slot| *transit += slot.flown(Mode::Transit);
+    transit_slots: u64 = COUNT { label: "slots in transit" },
+        each |transit, slot| *transit += slot.flown(Mode::Transit);
     /// What several UAVs did together; no value with one. All other figures are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fleet: Option<FleetUse> = OTHER { report: Printed::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },

@@ -163,6 +163,11 @@ impl CountedSlot<'_> {
         self.record.flights().iter().filter(|flight| flight.flown_mode() == mode).count() as u64
     }
 
+    /// Requests that were refused.
+    pub fn refused(&self) -> u64 {
+        self.record.flights().iter().map(|flight| u64::from(flight.refused)).sum()
+    }
+
     /// The plans that were there when the slot began.
     pub fn plans(&self) -> impl Iterator<Item = &Plan> {
         self.record.uavs().filter(|row| !is_late(row.flight)).filter_map(|row| row.plan)

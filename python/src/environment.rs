@@ -107,8 +107,8 @@ impl PyEnvironmentCore {
 
 #[pymethods]
 impl PyEnvironmentCore {
-    /// `count` environments, or a single one, that of one mission. `agents`: whether the scenario may have several UAVs,
-    /// whose actions and rewards then are arrays of one more dimension.
+    /// `count` environments, or a single one, that of one mission. `agents`: whether the scenario may have several
+    /// UAVs, whose actions and rewards then are arrays of one more dimension.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     fn new(

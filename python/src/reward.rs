@@ -38,8 +38,8 @@ impl Reward {
         }
     }
 
-    /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes, if the reward is
-    /// weighted.
+    /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes, if the reward
+    /// is weighted.
     pub fn weighted_bits(episode: &Episode) -> [f64; 2] {
         let field = episode.plant.field();
         let weights = &episode.weights;

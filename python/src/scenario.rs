@@ -113,9 +113,9 @@ impl PyScenario {
         Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), Held::default())
     }
 
-    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and ``rates``
-    /// are the texts of the files of ``sensors.arrivals.file``, ``link.file`` and ``link.rates``, which are then not
-    /// read. Raises :class:`InputError`.
+    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and
+    /// ``rates`` are the texts of the files of ``sensors.arrivals.file``, ``link.file`` and ``link.rates``, which are
+    /// then not read. Raises :class:`InputError`.
     #[staticmethod]
     #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None, channel = None, rates = None))]
     fn parse(

@@ -6,7 +6,8 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::{Scenario, SimplifiedZones};
 use skysink_common::sensors::SensorList;
 
-/// What was ignored in the files of the scenario, how its zones are simplified, and which of its places were probably not meant, a line each.
+/// What was ignored in the files of the scenario, how its zones are simplified, and which of its places were probably
+/// not meant, a line each.
 pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
     let nodes: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
     let node_name = |node: usize| match scenario.sensor_file() {

@@ -168,8 +168,8 @@ impl<'a> PlannedFlight<'a> {
         Ok(additions)
     }
 
-    /// The flight in the area of `draft`, checked against the fence. Where a slot would cut a corner of it, the leg ends
-    /// with the slot.
+    /// The flight in the area of `draft`, checked against the fence. Where a slot would cut a corner of it, the leg
+    /// ends with the slot.
     fn flight(&self, draft: &Scenario, slot_s: f64) -> Result<SlottedFlight, InputError> {
         let projection = Projection::at(draft.area.origin().expect("the area encloses the plan"));
         let in_area = |[lat_deg, lon_deg]: [f64; 2]| {
@@ -274,8 +274,8 @@ impl<'a> PlannedFlight<'a> {
             [ground_m().fold(f64::INFINITY, f64::min), ground_m().fold(f64::NEG_INFINITY, f64::max)];
         (self.plan.is_level && highest_m - lowest_m > FLAT_M).then(|| {
             format!(
-                "the ground of the sensor nodes rises from {lowest_m} to {highest_m} m, and the plan's altitudes are not \
-                 above the ground: the scenario flies as high above each of them as above home"
+                "the ground of the sensor nodes rises from {lowest_m} to {highest_m} m, and the plan's altitudes are \
+                 not above the ground: the scenario flies as high above each of them as above home"
             )
         })
     }

@@ -135,8 +135,8 @@ impl ShownRecording {
 
 fn too_old(version: RerunVersion) -> String {
     format!(
-        "it is of rerun {version}, and the viewer, rerun {RERUN}, reads recordings since {OLDEST}: open it with `rerun` \
-         of rerun-sdk=={version}, or make it again"
+        "it is of rerun {version}, and the viewer, rerun {RERUN}, reads recordings since {OLDEST}: open it with \
+         `rerun` of rerun-sdk=={version}, or make it again"
     )
 }
 

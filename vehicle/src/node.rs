@@ -203,7 +203,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let links = ring.links.as_ref().map(|links| links.list_writer(self.slots.most_links)).transpose()?;
         let publish = |bridge: &Bridge, slot: u64, reports: &[FlightReport]| {
             if let Some(links) = &links {
-                links.send_list(ring.header(slot, 0), &bridge.heard_links(slot, reports))?; // before the flights, as flight-sim
+                // Before the flights, as flight-sim.
+                links.send_list(ring.header(slot, 0), &bridge.heard_links(slot, reports))?;
             }
             flights.send_list(ring.header(slot, 0), reports)
         };

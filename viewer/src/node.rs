@@ -121,7 +121,8 @@ struct Follower<'a, S: Service + 'static> {
     area: &'a Area,
     /// Number of UAVs.
     uavs: usize,
-    /// That of sensor nodes with batteries, whose charges no topic has; `None` without them, and once slots are missed.
+    /// That of sensor nodes with something that runs out, which no topic has; `None` without, and once slots are
+    /// missed.
     ledger: Option<Ledger>,
     /// The slot of the ledger.
     ledger_slot: u64,

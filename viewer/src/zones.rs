@@ -10,7 +10,6 @@ use re_sdk_types::components::{AlbedoFactor, Colormap, ImageFormat};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel, Rgba32};
 use skysink_common::airspace::Polygon;
 use skysink_common::base::Base;
-use skysink_common::channel::Channel;
 use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::Sensors;

@@ -5,6 +5,7 @@
 //! `g = 10^(σ n/10)` (log-normal shadowing), which has the median 1. Expected rates come from a table of
 //! `E[log2(1 + γ g)]` over `ln γ`: the planner never uses the rate of the mean.
 
+use std::collections::VecDeque;
 use std::f64::consts::{LN_10, LOG2_E};
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -52,6 +53,9 @@ const LARGE: f64 = 500.0;
 const STEPS: usize = 2_048;
 /// Probability that the quadrature of the steps may have missed.
 const QUADRATURE_MARGIN: f64 = 1e-9;
+
+/// Tables that are kept, the newest ones: each takes thousands of integrals, and many channels have the same law.
+const MOST_TABLES: usize = 64;
 
 /// A law of fading.
 #[derive(Clone)]

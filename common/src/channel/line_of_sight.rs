@@ -281,7 +281,7 @@ impl ChannelModel for LineOfSight {
 
     /// Whether the link of `sensor` is in line of sight in `slot`, and its rate.
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let level = match self.sight {
+        let level = match &self.sight {
             Sight::Curve(_) => streams.stream(Purpose::LineOfSight, slot, sensor).random(),
             Sight::Buildings(_) => 0.5, // whatever is between the probabilities 0 and 1
         };
@@ -298,7 +298,7 @@ impl ChannelModel for LineOfSight {
     fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
         let Draw { line_of_sight, rate_bps } = self.draw(uplink, streams, slot, sensor);
         let may_see = line_of_sight || self.stays();
-        if may_see { self.drawn(streams, slot, sensor).best_rate_bps(uplink) } else { rate_bps }
+        if may_see { self.better_bps(self.drawn_gains_at(streams, slot, sensor), uplink) } else { rate_bps }
     }
 
     fn mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {

@@ -171,7 +171,7 @@ impl LinkMap {
         [self.grids.len(), self.grids.iter().map(|grid| grid.levels.len()).sum()]
     }
 
-    /// Holds the map for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
+    /// The map as a channel holds it: equal ones are held once.
     #[must_use]
     pub fn shared(self) -> Arc<Self> {
         static ALL: SharedValues<LinkMap> = SharedValues::new();

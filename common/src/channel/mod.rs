@@ -213,7 +213,7 @@ impl Channel {
         let channel = match link.model {
             LinkModel::FreeSpace => link.free_space().map(Self::FreeSpace),
             LinkModel::ProbabilisticLos | LinkModel::Buildings => link.line_of_sight().map(Self::LineOfSight),
-            LinkModel::Table => link.table.map(|table| Self::Table(TableChannel { table, comm_s: link.comm_s })),
+            LinkModel::Table => link.by_table().map(Self::Table),
             LinkModel::Map => link.by_map().map(Self::Map),
         };
         channel.expect("a checked scenario has the keys of its model")

@@ -72,7 +72,8 @@ impl RateTable {
         if rates_bps.len() != points || points > MOST_RATES {
             let found = rates_bps.len();
             return Err(format!(
-                "{found} rates: expected {points}, one for each distance, altitude and probability, at most {MOST_RATES}"
+                "{found} rates: expected {points}, one for each distance, altitude and probability, at most \
+                 {MOST_RATES}"
             ));
         }
         if let Some(rate_bps) = rates_bps.iter().find(|rate_bps| !(0.0..=1e300).contains(*rate_bps)) {
@@ -83,8 +84,8 @@ impl RateTable {
             let distance_m = distances_m[point / altitudes_m.len()];
             let altitude_m = altitudes_m[point % altitudes_m.len()];
             return Err(format!(
-                "rate_bps at distance_m = {distance_m}, altitude_m = {altitude_m}: expected rates that do not fall with \
-                 the probability"
+                "rate_bps at distance_m = {distance_m}, altitude_m = {altitude_m}: expected rates that do not fall \
+                 with the probability"
             ));
         }
         let means_bps = by_point().map(|rates_bps| mean(&probabilities, rates_bps)).collect();
@@ -141,7 +142,7 @@ impl RateTable {
         text
     }
 
-    /// Holds the table for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
+    /// The table as a channel holds it: equal ones are held once.
     #[must_use]
     pub fn shared(self) -> Arc<Self> {
         static ALL: SharedValues<RateTable> = SharedValues::new();

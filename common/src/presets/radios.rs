@@ -73,8 +73,8 @@ pub const RADIOS: [Radio; 12] = [
         "802154",
         &[step(-100.0, 130e3)],
         [0.01, 0.01],
-        "sensitivity: data sheets, -95 to -103.5 dBm; payload rate: frames of 114 byte with back-off and acknowledgement, \
-         computed; first contact unverified",
+        "sensitivity: data sheets, -95 to -103.5 dBm; payload rate: frames of 114 byte with back-off and \
+         acknowledgement, computed; first contact unverified",
     ),
     at_2440(
         "ble-1m",
@@ -123,8 +123,8 @@ pub const RADIOS: [Radio; 12] = [
         ],
         resource_blocks: 1,
         setup_s: [1.0, 4.0],
-        source: "rates and sensitivities: IEEE 802.11n, 20 MHz (chips are some 10 dB better); the sensitivities, 50 % of the \
-                 rate as payload, and first contact unverified",
+        source: "rates and sensitivities: IEEE 802.11n, 20 MHz (chips are some 10 dB better); the sensitivities, 50 % \
+                 of the rate as payload, and first contact unverified",
     },
     Radio {
         name: "lte-1.4",

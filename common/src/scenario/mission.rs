@@ -15,7 +15,7 @@ use crate::channel::{LinkBudget, LinkModel};
 use crate::error::InputError;
 use crate::geodata::plausible::NamedPolygon;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
-use crate::nodes::{NODE_ROWS, SensorKeys};
+use crate::nodes::{self, NODE_ROWS, SensorKeys};
 use crate::slack::TIME_SLACK;
 
 /// The file of the arrivals in a run folder.

@@ -41,8 +41,8 @@ struct TrackRows {
     lines: Vec<u64>,
 }
 
-/// Replaces the file `uav.track`, or its text that is `held` instead, by `uav.waypoints_m`, and starts where it starts if
-/// there is no other start.
+/// Replaces the file `uav.track`, or its text that is `held` instead, by `uav.waypoints_m`, and starts where it starts
+/// if there is no other start.
 ///
 /// # Errors
 /// If the file has an invalid row, or ends before the mission.
@@ -75,8 +75,8 @@ pub(super) fn read_file(scenario: &mut Scenario, held: Option<String>) -> Result
     Ok(Some(TrackFile { path, lines }))
 }
 
-/// The place at the start, and where each of the `slots` of `slot_s` [s] ends, between points at ascending times; before
-/// the first and after the last of them it is there. Each with the index of the point that it leads to.
+/// The place at the start, and where each of the `slots` of `slot_s` [s] ends, between points at ascending times;
+/// before the first and after the last of them it is there. Each with the index of the point that it leads to.
 ///
 /// # Panics
 /// Without points.

@@ -117,7 +117,8 @@ pub struct MapSheet {
 }
 
 impl MapSheet {
-    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
+    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same sheet gives the same
+    /// bytes.
     pub fn draw(&self, stem: &Path) -> Result<Vec<PathBuf>, LabError> {
         let cells = self.maps.len() + 1; // the last cell is the legend
         let width = self.look.width() - 2.0 * MARGIN;

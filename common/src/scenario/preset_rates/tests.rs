@@ -97,7 +97,8 @@ fn shadowing_makes_rates_random_about_the_same_median() {
 fn a_uav_that_climbs_has_the_radius_of_its_lowest_altitude() {
     let keys = "uav.altitude = 'free'\nuav.min_altitude_m = 25.0\nuav.altitude_m = 30.0\nlink.preset = 'wifi-n20'\n";
     let climbing = scenario(keys);
-    let [_, altitudes_m, _] = climbing.link.table.unwrap().axes();
+    let table = climbing.link.table.unwrap();
+    let [_, altitudes_m, _] = table.axes();
     assert_eq!(altitudes_m, [25.0, 48.75, 72.5, 96.25, 120.0]);
     assert!((climbing.link.comm_radius_m - (46.99f64.powi(2) - 625.0).sqrt()).abs() < 0.05);
 }
