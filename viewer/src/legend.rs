@@ -10,6 +10,7 @@ use skysink_common::base::{Base, BaseArea};
 use skysink_common::channel::Channel;
 use skysink_common::estimate::Rates;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
@@ -161,7 +162,7 @@ pub(crate) fn log_scales(
         return log_scale(canvas, "sight", 200, &colour::of_sight, per_cent);
     };
     canvas.log_static(format!("{SCALE}/rate"), &at_the_right)?;
-    let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
+    let rate_bps = |fraction: f64| interpolate(*rates_bps.start(), *rates_bps.end(), fraction);
     let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
     log_scale(canvas, "rate", 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
 }
