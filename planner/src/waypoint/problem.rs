@@ -7,7 +7,6 @@
 use nalgebra::{Point3, Vector2, Vector3};
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above};
-use skysink_common::interpolation::interpolate;
 use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, project};
@@ -189,7 +188,8 @@ impl Problem {
     /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
     pub(crate) fn altitude_m(&self, fraction: f64) -> f64 {
         let [low_m, high_m] = self.altitudes_m;
-        if fraction == 1.0 { high_m } else { interpolate(low_m, high_m, fraction).min(high_m) }
+        // In another form than `interpolate`, which differs in the last bit: flights are recorded that have this one.
+        (low_m * (1.0 - fraction) + high_m * fraction).max(low_m).min(high_m)
     }
 }
 
