@@ -248,11 +248,14 @@ impl<T: FigureTable> Figure<T> {
 ///     pub enum Column;
 ///
 ///     /// Services.
-///     served: u64 = REAL { label: "services", report: Printed::Number(|served| served.to_string()) }, each |served, slot| *served += slot.0;
+///     served: u64 = REAL { label: "services", report: Printed::Number(|served| served.to_string()) },
+///         each |served, slot| *served += slot.0;
 ///     /// Largest number of services in a slot.
-///     most (Most) = REAL { label: "most services", source: FigureSource::Links }, |sums| *sums.0.iter().max().unwrap();
+///     most (Most) = REAL { label: "most services", source: FigureSource::Links },
+///         |sums| *sums.0.iter().max().unwrap();
 ///     /// The mean.
-///     mean (Mean): f64 = REAL { label: "services per slot" }, |sums| sums.0.iter().sum::<u64>() as f64 / sums.0.len() as f64;
+///     mean (Mean): f64 = REAL { label: "services per slot" },
+///         |sums| sums.0.iter().sum::<u64>() as f64 / sums.0.len() as f64;
 /// }
 ///
 /// let slots = [1, 5];
@@ -288,7 +291,8 @@ macro_rules! figures {
         $table_attributes:tt $counts_attributes:tt $columns_attributes:tt
         [$($keys:tt)*] [$($counted:tt)*] [$($figures:tt)*] [$($variants:tt)*]
         $(#[doc = $definition:literal])+ $(#[serde($($serde:tt)*)])?
-        $name:ident $(($variant:ident))? : $type:ty = $kind:ident { $($said:ident: $what:expr),* $(,)? }, each $each:expr;
+        $name:ident $(($variant:ident))? : $type:ty = $kind:ident { $($said:ident: $what:expr),* $(,)? },
+        each $each:expr;
         $($rest:tt)*
     ) => {
         $crate::figures! {

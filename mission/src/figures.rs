@@ -101,8 +101,8 @@ figures! {
     }, |m| m.run.mean_served();
     /// Length of the flight, from waypoint to waypoint, including climb.
     flown_m (FlownM) = METRES { label: "flown distance" }, |m| m.of_field(|field| field.flown_m);
-    /// Energy of the flight: what it takes from the battery (decision D10), without `uav.battery` Σ_t P(V_t) τ with the
-    /// speed V_t along the slot's path, climb included. Hovering costs P(0), charging and being down cost nothing.
+    /// Energy of the flight (decision D10): Σ_t τ P(v_t) + w max(0, Δz_t), with the horizontal speed v_t; without
+    /// `uav.battery` w is 20 N. Hovering costs P(0), charging and being down cost nothing.
     energy_j (EnergyJ) = JOULES { label: "propulsion energy" }, |m| m.of_field(|field| field.energy_j);
     /// What the batteries of the UAVs gave and took; no value without `uav.battery`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -174,7 +174,8 @@ figures! {
     completed_s (CompletedS): Option<f64> = SECONDS {
         label: "time at which all initial data is delivered", heading: "all data delivered after",
         report: Printed::Text(|summary| {
-            summary.score.map(|_| summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s")))
+            let never = || "never".to_owned();
+            summary.score.map(|_| summary.completed_s.map_or_else(never, |done_s| format!("{done_s} s")))
         })
     }, |m| m.run.completed_s;
     /// T τ − `completed_s`, or 0 if data is left, plus 100 times the fraction delivered; no value where an SN
@@ -259,9 +260,10 @@ figures! {
     held_slots (HeldSlots): u64 = COUNT { label: "slots held" }, each |held, slot| *held += slot.flown(Mode::Hold);
     /// Requests of plans that were refused: waypoints, and sensor nodes to serve.
     refused (Refused): u64 = COUNT { label: "requests refused" },
-        each |refused, slot| *refused += slot.record.flights().iter().map(|flight| u64::from(flight.refused)).sum::<u64>();
+        each |refused, slot| *refused += slot.refused();
     /// Slots in transit (decision D8).
-    transit_slots: u64 = COUNT { label: "slots in transit" }, each |transit, slot| *transit += slot.flown(Mode::Transit);
+    transit_slots: u64 = COUNT { label: "slots in transit" },
+        each |transit, slot| *transit += slot.flown(Mode::Transit);
     /// What several UAVs did together; no value with one. All other figures are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fleet: Option<FleetUse> = OTHER { report: Printed::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },

@@ -16,10 +16,14 @@ use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
-use crate::keys::{self, Keys, Only};
+use crate::keys::{self, Keys, Only, Rule};
 use crate::nodes::keys::MAX_FIELD_BITS;
 use crate::nodes::{NODE_ROWS, SILENT};
 use crate::presets;
+use crate::slack::TIME_SLACK;
+
+/// Slack of a probability that has to be 1.
+const CERTAIN_SLACK: f64 = 1e-9;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
 pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
@@ -30,6 +34,23 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         _ => Ok(()),
     };
 
+    check_forms(&is_given, &rule)?;
+    check_sensors(scenario, &rule)?;
+    check_uav(scenario, &rule)?;
+    zones::check(scenario)?;
+    check_channel(scenario, &rule)?;
+    for (key, only) in conditional() {
+        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
+        let holds = other.is_some_and(|other| only.values.contains(&other));
+        if let Some(expected) = only.expected {
+            rule(holds, &key, expected)?;
+        }
+    }
+    check_contact(scenario, &rule)
+}
+
+/// Checks that of alternative forms there is one, and that keys that belong together are.
+fn check_forms(is_given: &dyn Fn(&str) -> bool, rule: Rule<'_>) -> Result<(), InputError> {
     for forms in FORMS {
         let [one, other] = forms.forms;
         let is_other_given = other.iter().any(|key| is_given(key));
@@ -41,9 +62,12 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     {
         rule(is_given(other), key, "origin_lat_deg and origin_lon_deg together")?;
     }
+    Ok(())
+}
 
-    let Scenario { area, sensors, uav, link, .. } = scenario;
-    let flight_s = scenario.slots as f64 * scenario.slot_s;
+/// Checks what the sensor nodes sample, and their features.
+fn check_sensors(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let sensors = &scenario.sensors;
     let sampled_bits = sensors.sampling_bps.ends()[1] * scenario.slot_s * scenario.slots as f64;
     rule(sampled_bits <= MAX_SAMPLED_BITS, "sensors.sampling_bps", "at most 9e15 bits over the mission")?;
     let field_bits = sensors.count.map_or(1.0, f64::from) * sampled_bits;
@@ -59,15 +83,20 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(time_s.is_none_or(|time_s| time_s >= scenario.slot_s), key, &expected)?;
     }
     let node_keys = scenario.node_keys();
-    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, &rule))?;
+    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, rule))?;
     let is_told = !node_keys.traits().may_refuse || sensors.capacity_bits.ends()[1] < SILENT - 1;
     rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
-    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;
+    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)
+}
 
+/// Checks the flights of the UAVs, their starts and the base.
+fn check_uav(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { area, uav, link, .. } = scenario;
+    let flight_s = scenario.slots as f64 * scenario.slot_s;
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
-    rule(flight_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
+    rule(flight_s <= uav.endurance_s * (1.0 + TIME_SLACK), "uav.endurance_s", &expected)?;
     let wind_mps = scenario.wind_mps().norm();
     let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
@@ -79,7 +108,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
     rule(are_starts, "uav.starts_m", &expected_starts)?;
     let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
-        let is_time = |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + 1e-12) >= scenario.slot_s;
+        let is_time =
+            |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
         uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
     });
     let expected =
@@ -91,10 +121,14 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
     let has_own = scenario.base.as_ref().is_some_and(|base| base.site.is_some() && base.charge_w > 0.0);
     rule(!has_own, "base.charge_w", "none beside [[base.site]], whose tables have their own")?;
-    check_moves(scenario, &rule)?;
+    check_moves(scenario, rule)?;
     let is_within = uav.waypoint_margin_m.is_none_or(|margin_m| margin_m < link.comm_radius_m);
-    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")?;
-    zones::check(scenario)?;
+    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")
+}
+
+/// Checks the channel model, and the altitudes at which it matters.
+fn check_channel(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { sensors, uav, link, .. } = scenario;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
     let is_map = link.model == LinkModel::Map;
@@ -119,16 +153,14 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         let is_in_range = (min_altitude_m..=max_altitude_m).contains(&uav.altitude_m);
         rule(is_in_range, "uav.altitude_m", &format!("a start from {min_altitude_m} to {max_altitude_m} m"))?;
     }
+    Ok(())
+}
 
-    for (key, only) in conditional() {
-        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
-        let holds = other.is_some_and(|other| only.values.contains(&other));
-        if let Some(expected) = only.expected {
-            rule(holds, &key, expected)?;
-        }
-    }
+/// Checks the probability of line of sight and the times of a contact.
+fn check_contact(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let link = &scenario.link;
     if let Some(LosCurve::Logistic { b3, b4, .. }) = link.los {
-        rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
+        rule((b3 + b4 - 1.0).abs() < CERTAIN_SLACK, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
     rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)?;

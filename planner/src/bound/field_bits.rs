@@ -8,6 +8,7 @@ use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
+use super::margins::LENGTH_MARGIN;
 use super::paths::legs::fewest_slots;
 
 /// By how much the nearest place beside zones may be farther away than the range: it keeps clear of them.
@@ -90,7 +91,7 @@ impl FieldBits {
     #[must_use]
     pub fn over(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32], ids: impl Iterator<Item = u32>) -> Self {
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
-        let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
+        let in_range_m = scenario.link.comm_radius_m * (1.0 + LENGTH_MARGIN);
         let airspace = scenario.airspace();
         let has_place = |position: &Position| {
             airspace.is_open()

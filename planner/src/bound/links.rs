@@ -10,8 +10,7 @@ use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
-/// Relative margin on rates and altitudes, so that rounding does not put a bound below a flown link.
-const ROUNDING: f64 = 1e-9;
+use super::margins::RELATIVE_MARGIN;
 
 /// Most draws that are evaluated; with more, the best draw is assumed.
 const MOST_DRAWS: u64 = 20_000_000;
@@ -66,13 +65,13 @@ impl BestLinks {
         } else {
             self.channel.best_rate_bps(&uplink)
         };
-        self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING))
+        self.channel.capacity_bits(rate_bps * (1.0 + RELATIVE_MARGIN))
     }
 
     /// By slot: upper bound on the expected bits, before the draw, that any link carries of a queue of `queue_bits`.
     pub fn expected_bits(&self, queue_bits: u64) -> impl FnMut(u64) -> f64 {
         let carried_bits =
-            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
+            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + RELATIVE_MARGIN)).min(queue_bits) as f64;
         let highest_gain = self.sensors.iter().map(|(_, gain, _)| *gain).fold(0.0, f64::max);
         let mut last: Option<(Uplink, f64)> = None; // in most slots the lowest altitude is that of the slot before
         move |slot| {
@@ -87,7 +86,7 @@ impl BestLinks {
     /// The uplink from straight above at the lowest altitude that can be reached by the end of `slot`.
     fn above(&self, slot: u64, gain: f64) -> Uplink {
         let reached_m = self.altitude_m - self.descent_m * slot as f64;
-        self.channel.uplink_at(gain, 0.0, reached_m.max(self.lowest_m) * (1.0 - ROUNDING))
+        self.channel.uplink_at(gain, 0.0, reached_m.max(self.lowest_m) * (1.0 - RELATIVE_MARGIN))
     }
 }
 
