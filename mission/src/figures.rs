@@ -32,7 +32,7 @@ const OTHER: Row = Row { kind: FigureKind::Other, ..REAL };
 /// What a run has measured of itself.
 const OF_RUN: Row = Row { source: FigureSource::Run, ..OTHER };
 
-const COUNTED: Printed<Summary> = Printed::Number(|count| grouped(count as u64));
+const COUNTED: Printed<Summary> = Printed::Count(grouped);
 const RATE: Printed<Summary> = Printed::Number(|rate| format!("{rate:.6}"));
 
 // A figure that a mission does not have is `None`, which is an empty cell of the results.
@@ -89,7 +89,7 @@ figures! {
     expired_bits (ExpiredBits): Option<u64> = BITS {
         label: "bits lost because they were too old", source: FigureSource::Links
     }, |m| m.run.expired_bits();
-    /// `delivered_bits` / T.
+    /// `delivered_bits` over T and the number of UAVs.
     bits_per_waypoint (BitsPerWaypoint): f64 = BITS {
         label: "bits delivered per waypoint", heading: "bits per waypoint",
         report: Printed::Number(|bits| format!("{bits:.1}"))
@@ -185,7 +185,7 @@ figures! {
         label: "seconds left when all is delivered, and 100 times the fraction delivered", heading: "score",
         report: Printed::Number(figure)
     }, |m| m.run.score();
-    /// Whether all UAVs are in the base after the last slot and none is down (decision D9), in tables 1 or 0; no value
+    /// Whether all UAVs are in the base after the last slot and none is down (decision D9), 1 or 0 in results; no value
     /// without a base.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     landed (Landed): Option<bool> = FRACTION {
@@ -238,8 +238,8 @@ figures! {
     /// Jain's fairness index of the bits delivered by each SN, (Σ x_i)² / (N Σ x_i²); 1 if nothing was delivered.
     jain (Jain) = FRACTION { label: "Jain's fairness index", source: FigureSource::Links },
         |m| m.of_field(|field| jain(field.delivered_bits));
-    /// 1 if the UAVs are trapped in one part of the area: more than a quarter of the SNs lie beyond the smallest box
-    /// around the waypoints of each UAV in the second half of the mission, enlarged by d_c; otherwise 0.
+    /// 1 if the UAVs are trapped in one part of the area: more than a quarter of the SNs lie in none of the boxes, one
+    /// around the waypoints of each UAV in the second half of the mission, each enlarged by d_c; otherwise 0.
     trapped (Trapped) = FRACTION { label: "fraction of trapped fields" },
         |m| m.of_field(|field| f64::from(u8::from(field.is_trapped)));
     /// Lower bound on η of every flight of this mission; only for `offline`.
@@ -264,7 +264,7 @@ figures! {
     /// Slots in transit (decision D8).
     transit_slots: u64 = COUNT { label: "slots in transit" },
         each |transit, slot| *transit += slot.flown(Mode::Transit);
-    /// What several UAVs did together; no value with one. All other figures are sums over them.
+    /// What several UAVs did together; no value with one. Other counts are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fleet: Option<FleetUse> = OTHER { report: Printed::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },
         |m| m.run.fleet;

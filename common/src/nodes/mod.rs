@@ -1,7 +1,8 @@
 //! The registry of the features of sensor nodes (SNs): properties that a mission may have or not.
 //!
 //! A feature is a file of this folder, with what it does ([`NodeModel`]) and what a mission says of it ([`Declared`]),
-//! a line of the list in this file, and its key in [`keys`]. The ledger, the list and planners ask the registry.
+//! a line of the list in this file, and its keys, those of `[sensors]` in [`keys`]. The ledger, the list and planners
+//! ask the registry.
 
 pub mod duty;
 pub mod energy;

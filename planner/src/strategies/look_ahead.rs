@@ -108,7 +108,7 @@ pub enum PlannedNext {
     Nothing,
     /// To stay, and serve nobody.
     Stay,
-    /// The same within a plan: what follows is not shown.
+    /// To stay and charge: no path is shown.
     Charge,
     /// To fly to this waypoint [m], and serve the SNs that upload most.
     ServeMost(Position),
