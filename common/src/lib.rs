@@ -42,6 +42,7 @@ pub mod simd;
 pub mod slot_record;
 pub mod stop;
 pub mod terminal;
+pub mod told;
 pub mod units;
 pub mod weights;
 pub mod written_file;

@@ -121,7 +121,7 @@ impl Flight {
     pub fn restore(&mut self, report: &FlightReport) {
         self.vehicle.position = report.position();
         self.vehicle.energy_j = report.energy_j;
-        self.vehicle.swapped_slots = report.swapped_slots();
+        self.vehicle.swapped_slots = report.swapped_slots;
         self.is_reported_down = report.mode == Mode::Down as u32;
         self.contacts.restore(report);
     }
@@ -236,10 +236,10 @@ impl Flight {
         } else if mode == Mode::Charge {
             let _ = self.vehicle.charge();
             self.vehicle.position = report.position();
-            *report = report.swapping(self.vehicle.swapped_slots);
         } else {
             self.vehicle.move_to(report.position());
         }
+        report.swapped_slots = self.vehicle.swapped_slots;
         if report.energy_j.is_finite() {
             self.vehicle.correct_energy(report.energy_j);
         }
@@ -320,8 +320,11 @@ impl Flight {
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
-        let report = FlightReport { energy_j: self.vehicle.energy_j, ..FlightReport::at(self.vehicle.position, mode) };
-        if mode == Mode::Charge { report.swapping(self.vehicle.swapped_slots) } else { report }
+        FlightReport {
+            energy_j: self.vehicle.energy_j,
+            swapped_slots: if mode == Mode::Charge { self.vehicle.swapped_slots } else { 0 },
+            ..FlightReport::at(self.vehicle.position, mode)
+        }
     }
 }
 

@@ -249,10 +249,10 @@ impl Pilot for FleetPlanner {
 
 /// Observes the last slot, and plans the next one.
 pub(crate) fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan> {
-    let queues_bits = &plant.field().told_bits();
-    planner.hear(&plant.heard_links());
-    planner.observe(plant.slot(), plant.flights(), queues_bits);
-    planner.step(plant.slot() + 1, plant.flights(), queues_bits)
+    let links = plant.heard_links();
+    let sensed = plant.sensed(&links);
+    planner.observe(&sensed);
+    planner.step(&sensed)
 }
 
 /// A pilot whose plans are known before, slot by slot.

@@ -7,6 +7,7 @@ use skysink_common::message::{FLAG_END, FlightReport, HeardLink, PathPoint, Plan
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord};
+use skysink_common::told::Sensed;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Fleet;
 #[cfg(doc)]
@@ -84,6 +85,11 @@ impl Plant {
     /// What the UAVs hear after the last slot, by UAV and sensor node; nothing without `link.beacon_radius_m`.
     pub fn heard_links(&self) -> Vec<HeardLink> {
         self.fleet.hear(self.slot(), self.flights())
+    }
+
+    /// What the UAVs sense after the last slot, with the `links` that they hear ([`Self::heard_links`]).
+    pub fn sensed<'a>(&'a self, links: &'a [HeardLink]) -> Sensed<'a> {
+        Sensed { slot: self.slot(), flights: self.flights(), told: self.field.told(), links }
     }
 
     /// The field after the last slot.

@@ -6,13 +6,15 @@ use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use skysink_common::checkpoint::{decode, encode};
 use skysink_common::message::{
-    FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, PathPoint, Plan, QueuesHeader, SlotHeader,
+    FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, NodeAnswer, PathPoint, Plan, QueuesHeader, SlotHeader,
 };
+use skysink_common::nodes::Answer;
 use skysink_common::pace::Pace;
 use skysink_common::possible::are_known_links;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
+use skysink_common::told::{Sensed, Told};
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
@@ -88,19 +90,13 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before
-    /// the plan is published. After a requested stop the plan is neither saved nor published.
-    fn plan(
-        &mut self,
-        slot: u64,
-        flights: &[FlightReport],
-        links: &[HeardLink],
-        queues_bits: &[u32],
-    ) -> Result<ByUav<Plan>, NodeError> {
+    /// Observes what is `sensed` after a slot, plans the next, and saves the state before the plan is published. After a
+    /// requested stop the plan is neither saved nor published.
+    fn plan(&mut self, sensed: &Sensed<'_>) -> Result<ByUav<Plan>, NodeError> {
+        let slot = sensed.slot + 1;
         self.resume(slot)?;
-        self.planner.hear(links);
-        self.planner.observe(slot - 1, flights, queues_bits);
-        let plans = self.planner.step(slot, flights, queues_bits);
+        self.planner.observe(sensed);
+        let plans = self.planner.step(sensed);
         self.planner.stop().check()?;
         self.planner.require_finite(slot, &plans)?;
         self.journal.save(slot, &[], &self.planner)?;
@@ -114,6 +110,13 @@ struct Inputs<S: Service + 'static> {
     queues: Reader<S, [u32], QueuesHeader>,
     flights: Reader<S, [FlightReport], SlotHeader>,
     links: Option<Reader<S, [HeardLink], SlotHeader>>,
+    answers: Option<Reader<S, [NodeAnswer], SlotHeader>>,
+}
+
+/// The answers of a message, if it has one of each of `count` sensor nodes.
+fn answers_of(nodes: &[NodeAnswer], count: usize) -> Option<Vec<Answer>> {
+    let answers = nodes.iter().map(|node| Answer::from_repr(node.answer)).collect::<Option<Vec<Answer>>>()?;
+    Some(answers).filter(|answers| answers.len() == count)
 }
 
 impl<S: Service + 'static> Inputs<S> {
@@ -135,11 +138,31 @@ impl<S: Service + 'static> Inputs<S> {
                 journaled.resume(slot + 1)?;
                 let heard = self.links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
                 let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
-                journaled.planner.hear(heard.as_deref().unwrap_or_default());
-                journaled.planner.observe(slot, &flights, older.payload());
+                let links = heard.as_deref().unwrap_or_default();
+                let answers = match &mut self.answers {
+                    Some(answers) => answers.poll_slot(slot)?.available(),
+                    None => None,
+                };
+                let answers = answers.and_then(|nodes| answers_of(&nodes, older.payload().len()));
+                if self.answers.is_none() || answers.is_some() {
+                    let told = Told::new(older.payload(), answers.as_deref().unwrap_or_default());
+                    journaled.planner.observe(&Sensed { slot, flights: &flights, told, links });
+                }
             }
         }
         Ok(state)
+    }
+
+    /// What the `count` sensor nodes do after `slot`, which was sent before the queues; nothing if all send, and `None`
+    /// if a message has not one answer of each.
+    fn answers(&mut self, wait: &mut WaitContext, slot: u64, count: usize) -> Result<Option<Vec<Answer>>, NodeError> {
+        let Some(answers) = &mut self.answers else { return Ok(Some(Vec::new())) };
+        let Some(nodes) = answers.wait_for_slot(wait, slot)? else { return Ok(None) };
+        let found = answers_of(&nodes, count);
+        if found.is_none() {
+            answers.refuse(slot, Refusal::Length);
+        }
+        Ok(found)
     }
 
     /// What the UAVs hear after `slot`; `None` if that has passed, or they hear nothing.
@@ -190,6 +213,7 @@ fn run_with<S: Service + 'static>(
         queues: ring.queues.reader()?, // the planner maintains its own estimate
         flights: ring.flight.reader()?,
         links: ring.links.as_ref().map(Topic::reader).transpose()?,
+        answers: ring.answers.as_ref().map(Topic::reader).transpose()?,
     };
 
     let mut sensors = ring.sensors.reader()?;
@@ -232,14 +256,18 @@ fn run_with<S: Service + 'static>(
         // sent before this process joined, and the ring has its plan.
         let Some(flown) = inputs.flights.wait_for_slot(&mut wait, slot)? else { continue };
         let heard = inputs.heard(&mut wait, slot)?.filter(|heard| are_known(slot, heard));
+        let Some(answers) = inputs.answers(&mut wait, slot, state.payload().len())? else { continue };
         next = slot + 1;
-        let planned = journaled.plan(next, &flown, heard.as_deref().unwrap_or_default(), state.payload())?;
+        let told = Told::new(state.payload(), &answers);
+        let links = heard.as_deref().unwrap_or_default();
+        let planned = journaled.plan(&Sensed { slot, flights: &flown, told, links })?;
         let points = path_points(&journaled.planner, uavs);
         if let Some(paths) = paths.as_ref().filter(|_| !points.is_empty()) {
             paths.send_list(ring.header(next, 0), &points)?; // before the plan, so that its readers have the paths
         }
         inputs.flights.receive_all()?; // repeated flights must not fill the buffer
         inputs.links.iter_mut().try_for_each(Reader::receive_all)?;
+        inputs.answers.iter_mut().try_for_each(Reader::receive_all)?;
         plans.send_list(ring.header(next, 0), &planned)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))

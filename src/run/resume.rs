@@ -124,7 +124,7 @@ impl Pilot for Repeating {
         };
         if !self.is_ours && is_planned {
             let plans: Vec<Plan> = recorded.iter().map(RecordedSlot::plan).collect();
-            self.planner.follow(plant.slot() + 1, &plans, &plant.field().told_bits());
+            self.planner.follow(&plant.sensed(&[]), &plans);
         }
         if recorded.iter().any(RecordedSlot::is_missed) {
             self.is_repeatable &= !self.planner.has_state();

@@ -18,7 +18,7 @@ use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
 use crate::nodes::keys::MAX_FIELD_BITS;
-use crate::nodes::{NODE_ROWS, SILENT};
+use crate::nodes::NODE_ROWS;
 use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
@@ -60,8 +60,6 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
     let node_keys = scenario.node_keys();
     NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, &rule))?;
-    let is_told = !node_keys.traits().may_refuse || sensors.capacity_bits.ends()[1] < SILENT - 1;
-    rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
     rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;

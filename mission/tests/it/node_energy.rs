@@ -4,7 +4,7 @@ use crate::support::scenario_of;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan};
-use skysink_common::nodes::{Charges, is_out};
+use skysink_common::nodes::Charges;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::uploads;
@@ -156,8 +156,8 @@ fn no_strategy_schedules_a_sensor_node_without_airtime() {
             let mut tally = Tally::new(&scenario, &list, &RunMode::default());
             let mut mission = Mission::new(&scenario, &list).unwrap();
             let out = |mission: &Mission| -> HashSet<u32> {
-                let told_bits = mission.plant().field().told_bits();
-                (0..).zip(&*told_bits).filter(|(_, bits)| is_out(**bits)).map(|(id, _)| id).collect()
+                let answers = mission.plant().field().told().answers;
+                (0..).zip(answers).filter(|(_, answer)| !answer.sends()).map(|(id, _)| id).collect()
             };
             let mut before = HashSet::new();
             let mut delivered_bits = [0; 12];
@@ -210,7 +210,7 @@ fn the_plan_of_offline_keeps_stops_of_sensor_nodes_that_are_silent_for_a_while()
                     let is_near = away.norm() <= 20.0;
                     visited[usize::from(record.slot() > 60)] += usize::from(is_near);
                 }
-                silent += mission.plant().field().told_bits().iter().filter(|bits| is_out(**bits)).count();
+                silent += mission.plant().field().told().answers.iter().filter(|answer| !answer.sends()).count();
             }
             (silent, visited)
         };

@@ -255,7 +255,7 @@ impl WayHome {
                 let ground = lower.position().xy();
                 if self.base.site_at(&ground) == Some(number) {
                     let stay = self.charging_slots(slot, lower.energy_j, &ground);
-                    let stay = stay.saturating_sub(lower.swapped_slots().min(stay.saturating_sub(1)));
+                    let stay = stay.saturating_sub(u64::from(lower.swapped_slots).min(stay.saturating_sub(1)));
                     *pads.iter_mut().min().expect("a site has a pad") += stay;
                 }
             }
@@ -402,9 +402,10 @@ mod tests {
     #[test]
     fn a_uav_waits_for_a_pad_as_long_as_lower_numbers_charge() {
         let home = two_sites();
-        let stay = |x_m: f64, energy_j: f64, swapped: u64| {
-            let report = FlightReport { energy_j, ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge) };
-            report.swapping(swapped)
+        let stay = |x_m: f64, energy_j: f64, swapped_slots: u32| FlightReport {
+            energy_j,
+            swapped_slots,
+            ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge)
         };
         let flights = [
             stay(50.0, 4_000.0, 0), // 10 slots
