@@ -164,8 +164,7 @@ pub struct Plan {
     pub y_m: f64,
     /// Waypoint, up [m].
     pub z_m: f64,
-    /// Bits that the planner expects to collect in the slot; in a flight that another flight-sim has reported, and that
-    /// is repeated, the IEEE 754 bits of its energy after the slot [J].
+    /// Bits that the planner expects to collect in the slot.
     pub expected_bits: u64,
     /// Time that planning took [ns]; 0 if not measured.
     pub plan_ns: u64,

@@ -58,14 +58,7 @@ impl Field {
         let ledger = list.ledger(scenario);
         let mut answers = Vec::new();
         ledger.fill_answers(&mut answers);
-        Self {
-            ledger,
-            answers,
-            slots: scenario.slots,
-            slot: 0,
-            slot_bits: SlotBits::default(),
-            belief: Belief::Known,
-        }
+        Self { ledger, answers, slots: scenario.slots, slot: 0, slot_bits: SlotBits::default(), belief: Belief::Known }
     }
 
     /// The field with what the UAV believes before slot 1, instead of known queues.

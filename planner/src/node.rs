@@ -276,6 +276,15 @@ fn run_with<S: Service + 'static>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn answers_are_those_of_each_sensor_node_or_refused() {
+        let nodes = [[0, 0], [1, 1], [2, 0]].map(|[answer, known]| NodeAnswer { answer, known });
+        assert_eq!(answers_of(&nodes, 3), Some(vec![Answer::Queue, Answer::Silent, Answer::Dead]));
+        assert_eq!([answers_of(&nodes, 2), answers_of(&nodes, 4), answers_of(&[], 1)], [None, None, None]);
+        assert_eq!(answers_of(&[NodeAnswer { answer: 7, known: 0 }], 1), None);
+    }
+
     use crate::planner::Planner;
     use crate::settings::{self, Knowledge, Rates, change};
     use crate::strategy::{Decision, Setup, Strategy, View};
@@ -356,6 +365,13 @@ mod tests {
         all.map(scenario).filter(carries)
     }
 
+    /// The plan of `slot` after these flights.
+    fn planned(planner: &mut Journaled, slot: u64, flights: &[FlightReport]) -> Plan {
+        let queues_bits = queues(slot);
+        let sensed = Sensed { slot: slot - 1, flights, told: Told::from(&queues_bits), links: &[] };
+        planner.plan(&sensed).unwrap()[UAV]
+    }
+
     #[test]
     fn a_restarted_planner_repeats_the_plans_of_the_last_slots() {
         for scenario in scenarios() {
@@ -363,15 +379,13 @@ mod tests {
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
-                let plan =
-                    first.plan(slot, &flights[slot as usize - 1..slot as usize], &[], &queues(slot)).unwrap()[UAV];
+                let plan = planned(&mut first, slot, &flights[slot as usize - 1..slot as usize]);
                 flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
                 let mut again = process(&scenario, &folder);
                 for slot in from..=9 {
-                    let plan =
-                        again.plan(slot, &flights[slot as usize - 1..slot as usize], &[], &queues(slot)).unwrap()[UAV];
+                    let plan = planned(&mut again, slot, &flights[slot as usize - 1..slot as usize]);
                     assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
                 }
                 assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
@@ -413,11 +427,11 @@ mod tests {
         let flight = FlightReport::at(scenario.start(), Mode::Hold);
         let mut first = process();
         for slot in 1..=9 {
-            assert_eq!(first.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
+            assert_eq!(planned(&mut first, slot, &[flight]).x_m, slot as f64);
         }
         let mut again = process();
         for slot in 8..=10 {
-            assert_eq!(again.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
+            assert_eq!(planned(&mut again, slot, &[flight]).x_m, slot as f64);
         }
     }
 
@@ -429,11 +443,11 @@ mod tests {
         let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
-            flight = flown(&first.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV]);
+            flight = flown(&planned(&mut first, slot, &[flight]));
         }
         let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
-        let _ = late.plan(15, &[hold], &[], &queues(15)).unwrap();
+        let _ = planned(&mut late, 15, &[hold]);
         let uncertainties = |planner: &FleetPlanner| {
             let Belief::Estimated(estimate) = planner.belief() else { panic!("the queues are estimated") };
             (0..12).map(|id| estimate.uncertainty(15, id)).collect::<Vec<_>>()

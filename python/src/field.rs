@@ -197,7 +197,8 @@ impl PyField {
         let queues_bits = queues_bits.try_readonly()?;
         let answers = answers.try_readonly()?;
         let nodes = (0..).zip(queues_bits.as_slice()?).zip(answers.as_slice()?);
-        let value = |((id, &bits), &answer): ((u32, &u32), &u8)| if answer == 0 { self.data.value(id, bits) } else { 0 };
+        let value =
+            |((id, &bits), &answer): ((u32, &u32), &u8)| if answer == 0 { self.data.value(id, bits) } else { 0 };
         read_only(PyArray1::from_iter(py, nodes.map(value)))
     }
 

@@ -94,12 +94,7 @@ impl SensorHistory {
 
     /// Adds a slot, after which queues and answers are as they are `told`, and the UAVs are above `uavs`. A dead SN
     /// loses what it holds and samples.
-    pub(crate) fn add<'t>(
-        &mut self,
-        slot: u64,
-        told: impl Into<Told<'t>>,
-        uavs: impl IntoIterator<Item = Position>,
-    ) {
+    pub(crate) fn add<'t>(&mut self, slot: u64, told: impl Into<Told<'t>>, uavs: impl IntoIterator<Item = Position>) {
         let told = told.into();
         let queues_bits = told.queues_bits;
         let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, radius_m, sums, .. } = self;

@@ -288,12 +288,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
 
     /// What the sensor nodes do after a slot, which was sent before the queues; nothing if all send. `None` if it was
     /// missed, or has not one answer of each of `sensors`, which is refused.
-    fn answers(
-        &mut self,
-        wait: &mut WaitContext,
-        slot: u64,
-        sensors: usize,
-    ) -> Result<Option<Vec<Answer>>, NodeError> {
+    fn answers(&mut self, wait: &mut WaitContext, slot: u64, sensors: usize) -> Result<Option<Vec<Answer>>, NodeError> {
         let Some(answers) = &mut self.answers else { return Ok(Some(Vec::new())) };
         let Some(nodes) = read(answers, wait, slot, Some(LEFT_OVERS))? else { return Ok(None) };
         if nodes.payload().len() != sensors {

@@ -15,7 +15,9 @@ use crate::sampling::Sampling;
 
 /// What an SN does when a UAV serves it in the next slot, by its number in messages. Of several features the last of
 /// these counts.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, FromRepr, IntoStaticStr, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, FromRepr, IntoStaticStr, Serialize, Deserialize,
+)]
 #[strum(serialize_all = "lowercase")]
 #[repr(u8)]
 pub enum Answer {

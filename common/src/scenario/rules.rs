@@ -17,8 +17,8 @@ use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
-use crate::nodes::keys::MAX_FIELD_BITS;
 use crate::nodes::NODE_ROWS;
+use crate::nodes::keys::MAX_FIELD_BITS;
 use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.

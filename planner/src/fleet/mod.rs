@@ -218,7 +218,8 @@ impl FleetPlanner {
             let own = links.iter().filter(|link| link.uav as usize == uav);
             match (subfield, self.coordination) {
                 (Some(subfield), _) => {
-                    let numbered = |link: &HeardLink| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link });
+                    let numbered =
+                        |link: &HeardLink| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link });
                     planner.hear(own.filter_map(numbered));
                     let own = subfield.numbered(flight);
                     planner.observe(slot, &own, subfield.select(told));

@@ -22,11 +22,7 @@ pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fu
 
 /// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none. Among
 /// zones only SNs whose range one slot leads into.
-fn greedy_waypoint<'t>(
-    table: &MissionTable,
-    position: &Position,
-    told: impl Into<Told<'t>>,
-) -> Option<Position> {
+fn greedy_waypoint<'t>(table: &MissionTable, position: &Position, told: impl Into<Told<'t>>) -> Option<Position> {
     let told = told.into();
     let mut fullest: Option<(u64, Position)> = None;
     table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {

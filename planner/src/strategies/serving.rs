@@ -129,12 +129,7 @@ pub fn fill_fullest_in_range<'t>(
 
 /// Fills `ids` with the n SNs within `d_c` of `uav` that are expected to upload most there, by its value, ascending.
 /// SNs that do not send are left out.
-pub fn fill_most_in_range<'t>(
-    table: &MissionTable,
-    uav: &Point3<f64>,
-    told: impl Into<Told<'t>>,
-    ids: &mut Vec<u32>,
-) {
+pub fn fill_most_in_range<'t>(table: &MissionTable, uav: &Point3<f64>, told: impl Into<Told<'t>>, ids: &mut Vec<u32>) {
     let Told { queues_bits, answers } = told.into();
     let key = |id| {
         let bits = table.expected_bits(uav, &[id], queues_bits) as u32; // no more than its queue

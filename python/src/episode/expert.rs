@@ -110,7 +110,7 @@ fn answer(scenario: &Scenario, list: &SensorList, state: Option<Vec<u8>>, asked:
                 let told = Told::new(queues_bits, answers);
                 planner.follow(&Sensed { slot, flights: &[], told, links: &[] }, plans);
             }
-            let plans = planner.plans(&plant).expect("a planner plans every slot");
+            let plans = planner.orders(&plant).expect("a planner plans every slot").plans();
             let mut state = Vec::new();
             planner.save(&mut state);
             Ok((plans.iter().flatten().map(|plan| Plan { plan_ns: 0, ..*plan }).collect(), state))
