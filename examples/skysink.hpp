@@ -199,8 +199,7 @@ struct Plan {
     double y_m;
     /// Waypoint, up [m].
     double z_m;
-    /// Bits that the planner expects to collect in the slot; in a flight that another flight-sim has reported, and that
-    /// is repeated, the IEEE 754 bits of its energy after the slot [J].
+    /// Bits that the planner expects to collect in the slot.
     uint64_t expected_bits;
     /// Time that planning took [ns]; 0 if not measured.
     uint64_t plan_ns;
@@ -268,7 +267,7 @@ struct LinkReport {
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 struct FlightReport {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v3";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v4";
     /// Position, east [m].
     double x_m;
     /// Position, north [m].
@@ -294,8 +293,11 @@ struct FlightReport {
     uint32_t refused;
     /// How many of `links` count.
     uint32_t served;
-    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of
-    /// the first counts the slots of the stay.
+    /// Slots that a swap of the battery has taken so far (decision D34); 0 outside of one.
+    uint32_t swapped_slots;
+    /// 0.
+    uint32_t reserved;
+    /// The served links, by ascending sensor node.
     LinkReport links[MAX_SERVED];
 };
 
