@@ -160,6 +160,16 @@ struct SensorNode {
     double weight;
 };
 
+/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a number:
+/// 0 sends its queue, 1 is silent, and sends later, 2 is dead.
+struct NodeAnswer {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.NodeAnswer.v1";
+    /// What it does.
+    uint8_t answer;
+    /// That as the UAVs know it: where queues are estimated, only a contact shows a death.
+    uint8_t known;
+};
+
 /// Bits of the whole field since the mission's start.
 struct Totals {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Totals.v1";
@@ -344,12 +354,13 @@ static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/src/interfa
 static_assert(sizeof(skysink::SensorsHeader) == 168, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Limits) == 136, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::SensorNode) == 48, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::NodeAnswer) == 2, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::HeardLink) == 12, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::PathPoint) == 32, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::FlightReport) == 2696, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::FlightReport) == 2704, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/src/interfaces.md");

@@ -106,7 +106,7 @@ impl Default for SensorNode {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.NodeAnswer.v1"))]
 pub struct NodeAnswer {
-    /// Its [`Answer`](crate::nodes::Answer).
+    /// What it does.
     pub answer: u8,
     /// That as the UAVs know it: where queues are estimated, only a contact shows a death.
     pub known: u8,
