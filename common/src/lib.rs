@@ -46,6 +46,7 @@ pub mod slack;
 pub mod slot_record;
 pub mod stop;
 pub mod terminal;
+pub mod told;
 pub mod units;
 pub mod weights;
 pub mod written_file;

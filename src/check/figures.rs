@@ -139,9 +139,9 @@ impl Figures {
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
             outside: scenario.area.border().and_then(|border| outside(&border, &table.sensors.positions)),
-            hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.servable().count()),
+            hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.reachable().count()),
             hidden_nodes: {
-                let hidden = sensors.ids().filter(|&id| !table.is_servable(id));
+                let hidden = sensors.ids().filter(|&id| !table.is_reachable(id));
                 hidden.take(MOST_NAMED).map(|id| list.label(id as usize)).collect()
             },
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > Some(scenario.slots)).count(),

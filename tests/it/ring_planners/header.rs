@@ -6,8 +6,8 @@ use std::fs;
 use cbindgen::{Builder, Config, DocumentationStyle, ItemType, Language};
 use iceoryx2::prelude::ZeroCopySend;
 use skysink_common::message::{
-    Commit, FlightReport, HeardLink, Limits, LinkReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
-    SlotHeader, Tick, Totals,
+    Commit, FlightReport, HeardLink, Limits, LinkReport, NodeAnswer, PathPoint, Plan, QueuesHeader, SensorNode,
+    SensorsHeader, SlotHeader, Tick, Totals,
 };
 use skysink_ring::health::{Health, Ready};
 
@@ -41,6 +41,7 @@ pub fn generated() -> String {
         message::<SensorsHeader>(),
         message::<Limits>(),
         message::<SensorNode>(),
+        message::<NodeAnswer>(),
         message::<QueuesHeader>(),
         message::<Totals>(),
         message::<Plan>(),
