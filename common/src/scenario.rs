@@ -6,9 +6,13 @@
 
 mod area;
 mod base;
+pub mod battery;
+pub mod limits;
+pub mod loss_rate;
 mod mission;
 mod motion;
 mod preset_rates;
+pub mod propulsion;
 mod rules;
 mod simplified;
 mod sites;

@@ -6,6 +6,7 @@
 //! | [`grid`] | points by cell, for range queries |
 
 pub mod grid;
+pub mod link_places;
 pub mod list;
 mod rows;
 

@@ -164,7 +164,7 @@ impl Planner {
     /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
     pub(crate) fn observe_with(&mut self, slot: u64, flight: &FlightReport, flights: &[FlightReport], told: Told<'_>) {
         self.belief.advance(slot, flights, &self.reported, told);
-        self.battery = BatteryState::after(flight);
+        self.battery = BatteryState::from(flight);
         self.strategy.observe(slot, flights, &self.belief);
     }
 

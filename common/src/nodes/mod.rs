@@ -4,12 +4,17 @@
 //! a line of the list in this file, and its keys, those of `[sensors]` in [`keys`]. The ledger, the list and planners
 //! ask the registry.
 
+pub mod arrivals;
 pub mod duty;
 pub mod energy;
 pub mod expiry;
 pub mod keys;
+pub mod ledger;
 mod model;
+pub mod queues;
 mod row;
+pub mod sampling;
+pub mod weights;
 
 use std::ops::Range;
 

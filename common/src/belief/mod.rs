@@ -2,6 +2,9 @@
 //!
 //! How they are estimated is left to [`crate::estimate`].
 
+pub mod estimate;
+pub mod reported;
+
 use std::sync::Arc;
 
 use crate::checkpoint::CheckpointError;

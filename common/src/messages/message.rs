@@ -9,6 +9,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use nalgebra::Point3;
 use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
+use crate::battery::BatteryState;
 use crate::channel::MAX_RESOURCE_BLOCKS;
 pub use crate::ledger::Totals;
 pub use crate::limits::Limits;
@@ -320,6 +321,13 @@ pub struct FlightReport {
     pub reserved: u32,
     /// The served links, by ascending sensor node.
     pub links: [LinkReport; MAX_SERVED],
+}
+
+impl From<&FlightReport> for BatteryState {
+    /// That after the flight.
+    fn from(flight: &FlightReport) -> Self {
+        Self { energy_j: flight.energy_j, is_charging: flight.flown_mode() == Mode::Charge }
+    }
 }
 
 impl FlightReport {
