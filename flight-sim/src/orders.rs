@@ -5,6 +5,7 @@ use skysink_common::message::{Mode, Plan, SolverOutcome};
 use skysink_common::slot_record::{ByUav, Plans};
 
 /// What the UAVs are to do in a slot.
+#[expect(clippy::large_enum_variant, reason = "the plan of a single UAV is not allocated in every slot")]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Orders {
     /// The plan of each UAV; one without a plan holds its position.
