@@ -7,7 +7,7 @@ use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode};
 use skysink_common::possible::are_possible_paths;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::UAV;
-use skysink_common::told::{Sensed, Told};
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
 use skysink_planner::{FleetPlanner, Planner};
@@ -67,7 +67,7 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
         assert_ne!(checkpoint, original, "a checkpoint of its own is refused");
     }
     let told = Told::from(&queues);
-    let sensed = Sensed { slot: FLOWN_SLOTS, flights: &[here], told, links: &[] };
+    let sensed = Sensed { slot: FLOWN_SLOTS, flights: &[here], told, received: &Received::NOTHING };
     planner.observe(&sensed);
     let plan = planner.step(&sensed)[UAV];
     let report = fly(&scenario, &list.nodes(), &here, FLOWN_SLOTS + 1, &plan);
@@ -75,7 +75,7 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
     again.restore(&saved(planner)).expect("what a planner saves is a checkpoint");
     assert_eq!(saved(&again), saved(planner));
     let [plan, same] = [planner, &mut again].map(|planner| {
-        let sensed = Sensed { slot: FLOWN_SLOTS + 1, flights: &[report], told, links: &[] };
+        let sensed = Sensed { slot: FLOWN_SLOTS + 1, flights: &[report], told, received: &Received::NOTHING };
         planner.observe(&sensed);
         Plan { plan_ns: 0, ..planner.step(&sensed)[UAV] }
     });

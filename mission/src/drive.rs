@@ -252,8 +252,8 @@ impl Pilot for FleetPlanner {
 /// Observes the last slot, and plans the next one with a planner that has planned all slots before.
 #[must_use]
 pub fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan> {
-    let links = plant.heard_links();
-    let sensed = plant.sensed(&links);
+    let received = plant.received();
+    let sensed = plant.sensed(&received);
     planner.observe(&sensed);
     planner.step(&sensed)
 }

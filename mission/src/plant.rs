@@ -7,7 +7,7 @@ use skysink_common::message::{FLAG_END, FlightReport, HeardLink, PathPoint, Plan
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord};
-use skysink_common::told::Sensed;
+use skysink_common::told::{Received, Sensed};
 use skysink_field_sim::Field;
 use skysink_flight_sim::{Fleet, Orders};
 
@@ -77,9 +77,14 @@ impl Plant {
         self.fleet.hear(self.slot(), self.flights())
     }
 
-    /// What the UAVs sense after the last slot, with the `links` that they hear ([`Self::heard_links`]).
-    pub fn sensed<'a>(&'a self, links: &'a [HeardLink]) -> Sensed<'a> {
-        Sensed { slot: self.slot(), flights: self.flights(), told: self.field.told(), links }
+    /// What the UAVs receive after the last slot beside queues and answers.
+    pub fn received(&self) -> Received<'static> {
+        Received { links: self.heard_links().into() }
+    }
+
+    /// What the UAVs sense after the last slot, with what they have [`received`](Self::received).
+    pub fn sensed<'a>(&'a self, received: &'a Received<'a>) -> Sensed<'a> {
+        Sensed { slot: self.slot(), flights: self.flights(), told: self.field.told(), received }
     }
 
     /// The field after the last slot.

@@ -14,7 +14,7 @@ use skysink_common::possible::are_known_links;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
-use skysink_common::told::{Sensed, Told};
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
@@ -138,7 +138,7 @@ impl<S: Service + 'static> Inputs<S> {
                 journaled.resume(slot + 1)?;
                 let heard = self.links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
                 let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
-                let links = heard.as_deref().unwrap_or_default();
+                let received = Received { links: heard.as_deref().unwrap_or_default().into() };
                 let answers = match &mut self.answers {
                     Some(answers) => answers.poll_slot(slot)?.available(),
                     None => None,
@@ -146,7 +146,7 @@ impl<S: Service + 'static> Inputs<S> {
                 let answers = answers.and_then(|nodes| answers_of(&nodes, older.payload().len()));
                 if self.answers.is_none() || answers.is_some() {
                     let told = Told::new(older.payload(), answers.as_deref().unwrap_or_default());
-                    journaled.planner.observe(&Sensed { slot, flights: &flights, told, links });
+                    journaled.planner.observe(&Sensed { slot, flights: &flights, told, received: &received });
                 }
             }
         }
@@ -259,8 +259,8 @@ fn run_with<S: Service + 'static>(
         let Some(answers) = inputs.answers(&mut wait, slot, state.payload().len())? else { continue };
         next = slot + 1;
         let told = Told::new(state.payload(), &answers);
-        let links = heard.as_deref().unwrap_or_default();
-        let planned = journaled.plan(&Sensed { slot, flights: &flown, told, links })?;
+        let received = Received { links: heard.as_deref().unwrap_or_default().into() };
+        let planned = journaled.plan(&Sensed { slot, flights: &flown, told, received: &received })?;
         let points = path_points(&journaled.planner, uavs);
         if let Some(paths) = paths.as_ref().filter(|_| !points.is_empty()) {
             paths.send_list(ring.header(next, 0), &points)?; // before the plan, so that its readers have the paths
@@ -368,7 +368,7 @@ mod tests {
     /// The plan of `slot` after these flights.
     fn planned(planner: &mut Journaled, slot: u64, flights: &[FlightReport]) -> Plan {
         let queues_bits = queues(slot);
-        let sensed = Sensed { slot: slot - 1, flights, told: Told::from(&queues_bits), links: &[] };
+        let sensed = Sensed { slot: slot - 1, flights, told: Told::from(&queues_bits), received: &Received::NOTHING };
         planner.plan(&sensed).unwrap()[UAV]
     }
 

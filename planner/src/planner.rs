@@ -13,13 +13,13 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, enco
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::geometry::above;
-use skysink_common::message::{FlightReport, HeardLink, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::nodes::Answer;
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
-use skysink_common::told::Told;
+use skysink_common::told::{Heard, Received, Told};
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
@@ -48,8 +48,8 @@ pub struct Planner {
     pub(crate) stop: Stop,
     /// The last planned slot; 0 before the first.
     slot: u64,
-    /// What this UAV hears at the beginning of the slot to plan; `None` without `link.beacon_radius_m`.
-    links: Option<Vec<HeardLink>>,
+    /// What this UAV has received before the slot to plan.
+    heard: Heard,
     /// The waypoints of the last plan.
     path: Vec<Point3<f64>>,
     room: Room,
@@ -139,7 +139,7 @@ impl Planner {
             timing: Timing::Free,
             stop: stop.clone(),
             slot: 0,
-            links: scenario.link.beacon_radius_m.map(|_| Vec::new()),
+            heard: Heard::of(scenario),
             path: Vec::with_capacity(MAX_PATH_POINTS),
             room: Room::default(),
             table,
@@ -153,12 +153,11 @@ impl Planner {
         self.observe_with(slot, flight, std::slice::from_ref(flight), told.into());
     }
 
-    /// Takes in the links that this UAV hears at the end of a slot. Must be called for every slot before it is
-    /// observed. Links of unknown SNs are left out.
-    pub(crate) fn hear(&mut self, links: impl Iterator<Item = HeardLink>) {
-        let Some(own) = &mut self.links else { return };
-        own.clear();
-        own.extend(links.filter(|link| (link.sensor as usize) < self.table.sensors.count()));
+    /// Takes in what this UAV, number `uav`, receives at the end of a slot, before that is observed; `number` is that of
+    /// an SN of its own.
+    pub(crate) fn receive(&mut self, received: &Received<'_>, uav: usize, number: impl Fn(u32) -> Option<u32>) {
+        let count = self.table.sensors.count();
+        self.heard.receive(received, uav, |id| number(id).filter(|number| (*number as usize) < count));
     }
 
     /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
@@ -195,12 +194,11 @@ impl Planner {
     ) -> Plan {
         let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
         assert_eq!(told.queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
-        let Self { strategy, rules, table, stop, room, links, .. } = self;
-        let links = links.as_deref();
+        let Self { strategy, rules, table, stop, room, heard, .. } = self;
         let belief = believed(&mut self.belief, slot, table, told, scheduled, room);
         let battery = self.battery;
         let timing = self.timing;
-        let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
+        let view = View { slot, position, battery, belief, table, timing, heard, neighbours, stop };
         let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
@@ -235,13 +233,12 @@ impl Planner {
         neighbours: &Neighbours<'_>,
         into: &mut Vec<PlannedVisit>,
     ) {
-        let Self { strategy, belief, table, stop, room, links, .. } = self;
-        let links = links.as_deref();
+        let Self { strategy, belief, table, stop, room, heard, .. } = self;
         let belief = believed(belief, slot, table, told, &[], room);
         let battery = self.battery;
         let timing = self.timing;
         let neighbours = Some(neighbours);
-        strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
+        strategy.visits(&View { slot, position, battery, belief, table, timing, heard, neighbours, stop }, into);
     }
 
     /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.

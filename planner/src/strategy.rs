@@ -12,11 +12,11 @@ use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{FlightReport, HeardLink, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
 use skysink_common::nodes::Answer;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
-use skysink_common::told::Told;
+use skysink_common::told::{Heard, Told};
 
 use crate::keys::Settings;
 use crate::mission_table::MissionTable;
@@ -106,9 +106,9 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 /// let queues_bits = list.queues_bits();
 /// let belief = Believed::known(0, &table.sensors, &queues_bits);
 /// let timing = Timing::Free;
-/// let links = None;
+/// let heard = &skysink_common::told::Heard::NOTHING;
 /// let neighbours = None;
-/// let view = View { slot: 1, position, battery, belief, table, timing, links, neighbours, stop };
+/// let view = View { slot: 1, position, battery, belief, table, timing, heard, neighbours, stop };
 /// assert_eq!((view.ground(), view.value(3)), ([50.0, 50.0].into(), queues_bits[3])); // all weights are equal
 /// assert_eq!(view.values(&mut Vec::new()), queues_bits);
 /// ```
@@ -126,8 +126,8 @@ pub struct View<'a> {
     pub table: &'a MissionTable,
     /// Whether a search may read a clock.
     pub timing: Timing,
-    /// The SNRs that it hears at its beginning, by ascending SN; `None` without `link.beacon_radius_m`.
-    pub links: Option<&'a [HeardLink]>,
+    /// What else it has received before the slot, such as the SNRs that it hears.
+    pub heard: &'a Heard,
     /// What the other UAVs tell; `None` for a UAV that plans alone.
     pub neighbours: Option<&'a Neighbours<'a>>,
     /// Ends long searches; the decision is then not flown.
@@ -157,7 +157,7 @@ impl<'a> View<'a> {
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,
-            links: None,
+            heard: &Heard::NOTHING,
             neighbours: None,
             stop,
         }
@@ -425,6 +425,6 @@ pub(crate) mod tests {
         let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
         let battery = BatteryState::default();
         let timing = Timing::Free;
-        View { slot, position, battery, belief, table, timing, links: None, neighbours: None, stop: &STOP }
+        View { slot, position, battery, belief, table, timing, heard: &Heard::NOTHING, neighbours: None, stop: &STOP }
     }
 }

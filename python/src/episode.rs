@@ -15,6 +15,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, UAV};
 use skysink_common::stop::Stop;
+use skysink_common::told::Heard;
 use skysink_mission::Plant;
 use skysink_planner::fleet::require_one;
 use skysink_planner::neighbours::{Neighbours, ReservationTable};
@@ -269,7 +270,7 @@ impl Episode {
             belief: believed(&self.plant, &self.field),
             table: &self.field,
             timing: Timing::Free,
-            links: None,
+            heard: &Heard::NOTHING,
             neighbours: None,
             stop: &NEVER,
         }

@@ -80,7 +80,7 @@ impl PyView {
             sampling_bps: sampling_bps.unbind(),
             belief: Py::new(py, belief)?,
             field: field.clone_ref(py),
-            links: view.links.map(|links| snrs_db(py, view, links)).transpose()?,
+            links: view.heard.links.as_deref().map(|links| snrs_db(py, view, links)).transpose()?,
             energy_j: view.battery.energy_j,
             is_charging: view.battery.is_charging,
             energy_left_home_j: home.margin_j(after, view.battery.energy_j, &ground),

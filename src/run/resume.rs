@@ -16,6 +16,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::Plans;
 use skysink_common::stop::Stop;
+use skysink_common::told::Received;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::drive::{End, Ended, Pilot};
@@ -124,7 +125,7 @@ impl Pilot for Repeating {
         };
         if !self.is_ours && is_planned {
             let plans: Vec<Plan> = recorded.iter().map(RecordedSlot::plan).collect();
-            self.planner.follow(&plant.sensed(&[]), &plans);
+            self.planner.follow(&plant.sensed(&Received::NOTHING), &plans);
         }
         if recorded.iter().any(RecordedSlot::is_missed) {
             self.is_repeatable &= !self.planner.has_state();

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use crate::message::{FlightReport, HeardLink};
 use crate::nodes::Answer;
+use crate::scenario::Scenario;
 
 /// What is told of the SNs after a slot: their queues, and their answers in the next slot. It is made of queues alone
 /// where all SNs send.
@@ -74,6 +75,63 @@ pub struct Sensed<'a> {
     pub flights: &'a [FlightReport],
     /// Queues and answers after the slot.
     pub told: Told<'a>,
-    /// What the UAVs hear, by UAV and SN; nothing without `link.beacon_radius_m`.
-    pub links: &'a [HeardLink],
+    /// What else they receive.
+    pub received: &'a Received<'a>,
+}
+
+/// What the UAVs of a fleet receive at the end of a slot beside queues and answers.
+#[derive(Debug, Clone, Default)]
+pub struct Received<'a> {
+    /// The links that they hear, by UAV and SN; nothing without `link.beacon_radius_m`.
+    pub links: Cow<'a, [HeardLink]>,
+}
+
+impl Received<'_> {
+    /// Nothing.
+    pub const NOTHING: Self = Self { links: Cow::Borrowed(&[]) };
+}
+
+/// What one UAV has received ([`Received`]) at the end of the last slot, with the numbers of its own SNs.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Heard {
+    /// The links that it hears, by ascending SN; `None` without `link.beacon_radius_m`.
+    pub links: Option<Vec<HeardLink>>,
+}
+
+impl Heard {
+    /// Nothing, in a mission in which nothing is heard.
+    pub const NOTHING: Self = Self { links: None };
+
+    /// Nothing yet.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        Self { links: scenario.link.beacon_radius_m.map(|_| Vec::new()) }
+    }
+
+    /// Takes in what the UAV number `uav` has `received`. `number` is the number of an SN, `None` of others than its
+    /// own.
+    pub fn receive(&mut self, received: &Received<'_>, uav: usize, number: impl Fn(u32) -> Option<u32>) {
+        if let Some(links) = &mut self.links {
+            let own = received.links.iter().filter(|link| link.uav as usize == uav);
+            links.clear();
+            links.extend(own.filter_map(|link| Some(HeardLink { sensor: number(link.sensor)?, ..*link })));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_uav_hears_its_own_links_by_the_numbers_of_its_part() {
+        let link = |uav, sensor| HeardLink { uav, sensor, snr_db: 3.0 };
+        let received = Received { links: vec![link(0, 7), link(1, 5), link(1, 7), link(1, 9)].into() };
+        let mut heard = Heard { links: Some(vec![link(1, 0)]) };
+        heard.receive(&received, 1, |id| [5, 9].iter().position(|own| *own == id).map(|number| number as u32));
+        assert_eq!(heard.links, Some(vec![link(1, 0), link(1, 1)]));
+        let mut deaf = Heard::NOTHING;
+        deaf.receive(&received, 1, Some);
+        assert_eq!(deaf, Heard::NOTHING);
+    }
 }

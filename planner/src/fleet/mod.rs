@@ -13,7 +13,7 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
-use skysink_common::message::{FlightReport, HeardLink, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::nodes::Answer;
 use skysink_common::scenario::{Coordination, Scenario};
 use skysink_common::sensors::Sensors;
@@ -206,26 +206,23 @@ impl FleetPlanner {
         &self.members[0].planner.stop
     }
 
-    /// Observes the flights of a slot, what is told after it, and what the UAVs hear ([`Planner::observe`]). UAVs that
+    /// Observes the flights of a slot, what is told after it, and what the UAVs receive ([`Planner::observe`]). UAVs that
     /// plan on their own have only their own contacts.
     ///
     /// # Panics
     /// If there is not one flight for each UAV.
     pub fn observe(&mut self, sensed: &Sensed<'_>) {
-        let Sensed { slot, flights, told, links } = *sensed;
+        let Sensed { slot, flights, told, received } = *sensed;
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
         for (uav, (Member { planner, subfield, .. }, flight)) in self.members.iter_mut().zip(flights).enumerate() {
-            let own = links.iter().filter(|link| link.uav as usize == uav);
             match (subfield, self.coordination) {
                 (Some(subfield), _) => {
-                    let numbered =
-                        |link: &HeardLink| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link });
-                    planner.hear(own.filter_map(numbered));
+                    planner.receive(received, uav, |id| subfield.number(id));
                     let own = subfield.numbered(flight);
                     planner.observe(slot, &own, subfield.select(told));
                 }
                 (None, coordination) => {
-                    planner.hear(own.copied());
+                    planner.receive(received, uav, Some);
                     let is_alone = coordination == Coordination::Independent;
                     let known = if is_alone { std::slice::from_ref(flight) } else { flights };
                     planner.observe_with(slot, flight, known, told);
@@ -235,7 +232,7 @@ impl FleetPlanner {
     }
 
     /// Plans the slot after that of `sensed` from where the UAVs are after its flights, and the queues `B_i(t−1)` and
-    /// answers that are told ([`Planner::step`]). The plans have the time that each of them took. What the UAVs hear is
+    /// answers that are told ([`Planner::step`]). The plans have the time that each of them took. What the UAVs receive is
     /// that of the last [`Self::observe`].
     ///
     /// # Panics

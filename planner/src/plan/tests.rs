@@ -9,6 +9,7 @@ use skysink_common::channel::Uplink;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::told::Heard;
 
 use super::anneal::{Cooling, SearchSteps, anneal};
 use super::carried_plan::CarriedPlan;
@@ -543,7 +544,7 @@ fn learnt_rates_replace_the_prior() {
             belief,
             table,
             timing: Timing::Free,
-            links: None,
+            heard: &Heard::NOTHING,
             neighbours: None,
             stop,
         });

@@ -16,7 +16,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
-use skysink_common::told::{Sensed, Told};
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_mission::Plant;
 use skysink_mission::drive::Pilot as _;
 use skysink_planner::FleetPlanner;
@@ -108,7 +108,7 @@ fn answer(scenario: &Scenario, list: &SensorList, state: Option<Vec<u8>>, asked:
             if let Some(Flown { plans, queues_bits, answers }) = &flown {
                 let slot = plant.slot() - 1;
                 let told = Told::new(queues_bits, answers);
-                planner.follow(&Sensed { slot, flights: &[], told, links: &[] }, plans);
+                planner.follow(&Sensed { slot, flights: &[], told, received: &Received::NOTHING }, plans);
             }
             let plans = planner.orders(&plant).expect("a planner plans every slot").plans();
             let mut state = Vec::new();

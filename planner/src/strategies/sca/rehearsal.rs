@@ -6,6 +6,7 @@ use skysink_common::arrivals::sampled_bits;
 use skysink_common::belief::Believed;
 use skysink_common::geometry::Position;
 use skysink_common::interpolation::interpolate;
+use skysink_common::told::Heard;
 
 use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
@@ -87,7 +88,15 @@ impl<'a> Rehearsal<'a> {
         let slot = self.slot();
         let told = self.view.told(&self.queues_bits);
         let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, told);
-        View { slot, position: self.position, belief, timing: Timing::Free, links: None, neighbours: None, ..self.view }
+        View {
+            slot,
+            position: self.position,
+            belief,
+            timing: Timing::Free,
+            heard: &Heard::NOTHING,
+            neighbours: None,
+            ..self.view
+        }
     }
 
     /// Flies a slot: SNs sample and overflow, then the scheduled ones upload.
