@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
+use skysink_common::scenario::Scenario;
 
 use crate::wait::Waiting;
 
@@ -64,6 +65,16 @@ impl Default for Terms {
 }
 
 impl Terms {
+    /// The default, with the topics that the run of a scenario has.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        Self {
+            beacon_radius_m: scenario.link.beacon_radius_m,
+            may_refuse: scenario.node_traits().may_refuse,
+            ..Self::default()
+        }
+    }
+
     /// Whether the run has the topic `belief`.
     pub fn has_belief(&self) -> bool {
         self.belief.is_some()
