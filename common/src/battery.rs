@@ -42,7 +42,8 @@ impl BatteryState {
     }
 }
 
-/// The battery of a UAV, and what a slot takes from it. Without `[uav.battery]` it has no end: its capacity is infinite.
+/// The battery of a UAV, and what a slot takes from it. Without `[uav.battery]` it has no end: its capacity is
+/// infinite.
 ///
 /// `E(t) = E(t−1) − τ P(v) − w max(0, Δz)`, with the propulsion power P of [`power_w`] at the horizontal speed v.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -119,13 +120,10 @@ impl Battery {
         duration_s * power_w(&self.aircraft, speed_mps) + self.climb_j(climb_m)
     }
 
-    /// Energy [J] of flying `step` [m] in a slot, also without end: then the propulsion power at the speed along the
-    /// step, which is all that is known of a climb.
+    /// Energy [J] of flying `step` [m] in a slot (decision D10), also without end: then with the weight that
+    /// `uav.battery.weight_n` has by default.
     pub fn flight_j(&self, step: &Vector3<f64>) -> f64 {
-        match self.is_endless() {
-            true => self.slot_s * power_w(&self.aircraft, step.norm() / self.slot_s),
-            false => self.leg_j(self.slot_s, step.xy().norm(), step.z),
-        }
+        self.leg_j(self.slot_s, step.xy().norm(), step.z)
     }
 
     fn climb_j(&self, climb_m: f64) -> f64 {
@@ -194,20 +192,23 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_takes_what_the_battery_gives_or_the_power_along_it() {
-        let scenario = scenario("weight_n = 30.0\n");
+    fn a_flight_takes_the_same_with_a_battery_and_without() {
+        let scenario = scenario("");
         let battery = Battery::of(&scenario);
         let mut without = scenario.clone();
         without.uav.battery = None;
         let endless = Battery::of(&without);
+        // 10 m in 2 s are 5 m/s, whatever the climb: x = 25/(2 · 16.2409) = 0.769662, and P = 79.86 · 1.0052083 +
+        // 88.63/√(x + √(1 + x²)) + 0.0092426 · 125 = 80.2759 + 62.1822 + 1.1553 = 143.6135 W; 3 m up at 20 N are 60 J.
+        let climb_j = endless.flight_j(&Vector3::new(8.0, 6.0, 3.0));
+        assert!((climb_j - 2.0 * 143.6135 - 60.0).abs() < 1e-3, "{climb_j}");
+        assert_eq!(endless.flight_j(&Vector3::new(8.0, 6.0, -3.0)), endless.flight_j(&Vector3::new(8.0, 6.0, 0.0)));
         for step in
             [Vector3::zeros(), Vector3::new(6.0, 8.0, 0.0), Vector3::new(6.0, 0.0, 8.0), Vector3::new(6.0, 0.0, -8.0)]
         {
             let given_j = 900.0 - battery.flown_j(900.0, &Point3::origin(), &(Point3::origin() + step));
             assert!((battery.flight_j(&step) - given_j).abs() < 1e-9, "{step}");
-            // Along all of them but the first 10 m.
-            let distance_m = if step.norm() > 0.0 { 10.0 } else { 0.0 };
-            assert!((endless.flight_j(&step) - battery.slot_j(distance_m)).abs() < 1e-9, "{step}");
+            assert_eq!(endless.flight_j(&step), battery.flight_j(&step), "{step}");
         }
     }
 

@@ -188,7 +188,8 @@ const NOT_MODELLED: [NotModelled; 10] = [
     },
     NotModelled {
         heading: "Sensor nodes",
-        instead: "choose a smaller link.comm_radius_m for sensor nodes that move; a cluster head has the rate of its cluster",
+        instead: "choose a smaller link.comm_radius_m for sensor nodes that move; a cluster head has the rate of its \
+            cluster",
         words: &["mobility", "relay", "hops", "sleep", "failure", "cluster"],
     },
     NotModelled {

@@ -73,9 +73,13 @@ pub trait FigureValue: Sized {
         f64::NAN
     }
 
-    /// Replaces it by what a mission that was flown again says. A table keeps those of its own figures that need more
-    /// than is `known`.
-    fn recompute(&mut self, again: Self, _known: FigureSource) {
+    /// It as a whole number, to the last digit; `None` if it is none.
+    fn count(&self) -> Option<u64> {
+        None
+    }
+
+    /// Replaces it by what a mission that was flown again says.
+    fn recompute(&mut self, again: Self) {
         *self = again;
     }
 }
@@ -90,11 +94,19 @@ impl FigureValue for u64 {
     fn number(&self) -> f64 {
         *self as f64 // exact below 2^53
     }
+
+    fn count(&self) -> Option<u64> {
+        Some(*self)
+    }
 }
 
 impl FigureValue for usize {
     fn number(&self) -> f64 {
         *self as f64
+    }
+
+    fn count(&self) -> Option<u64> {
+        u64::try_from(*self).ok()
     }
 }
 
@@ -109,9 +121,13 @@ impl<V: FigureValue> FigureValue for Option<V> {
         self.as_ref().map_or(f64::NAN, V::number)
     }
 
-    fn recompute(&mut self, again: Self, known: FigureSource) {
+    fn count(&self) -> Option<u64> {
+        self.as_ref().and_then(V::count)
+    }
+
+    fn recompute(&mut self, again: Self) {
         match (self.as_mut(), again) {
-            (Some(value), Some(again)) => value.recompute(again, known),
+            (Some(value), Some(again)) => value.recompute(again),
             (_, again) => *self = again,
         }
     }
@@ -146,6 +162,8 @@ pub enum Printed<T> {
     Hidden,
     /// As a number; not where it has none.
     Number(fn(f64) -> String),
+    /// As a whole number; not where it has none.
+    Count(fn(u64) -> String),
     /// As a text that may name other figures of the summary; not where it is `None`.
     Text(fn(&T) -> Option<String>),
     /// In rows of its own.
@@ -178,6 +196,8 @@ pub struct Figure<T: FigureTable> {
     pub report: Printed<T>,
     /// Its value in a summary; `None` if it is no key.
     pub of_key: Option<fn(&T) -> f64>,
+    /// The same as a whole number; `None` if it is no key.
+    pub count_of_key: Option<fn(&T) -> Option<u64>>,
     /// Its value in the results of sweeps, NaN if a mission has none; `None` if it is no column.
     pub of_column: Option<OfColumn<T>>,
 }
@@ -195,6 +215,7 @@ impl<T: FigureTable> Figure<T> {
         source: FigureSource::Trace,
         report: Printed::Hidden,
         of_key: None,
+        count_of_key: None,
         of_column: None,
     };
 
@@ -211,6 +232,7 @@ impl<T: FigureTable> Figure<T> {
             Printed::Number(text) => {
                 self.of_key.map(|of_key| of_key(summary)).filter(|number| !number.is_nan()).map(text)
             }
+            Printed::Count(text) => self.count_of_key.and_then(|count| count(summary)).map(text),
             Printed::Text(text) => text(summary),
             Printed::Rows(rows) => return rows(summary),
         };
@@ -230,9 +252,9 @@ impl<T: FigureTable> Figure<T> {
 /// use skysink_common::figures;
 ///
 /// /// What the figures are computed from.
-/// struct Sums<'a>(&'a [u64]);
+/// pub struct Sums<'a>(&'a [u64]);
 /// /// A slot in which so many sensor nodes are served.
-/// struct Slot<'a>(&'a u64);
+/// pub struct Slot<'a>(&'a u64);
 ///
 /// const REAL: Figure<Results> = Figure::REAL;
 ///
@@ -248,11 +270,14 @@ impl<T: FigureTable> Figure<T> {
 ///     pub enum Column;
 ///
 ///     /// Services.
-///     served: u64 = REAL { label: "services", report: Printed::Number(|served| served.to_string()) }, each |served, slot| *served += slot.0;
+///     served: u64 = REAL { label: "services", report: Printed::Number(|served| served.to_string()) },
+///         each |served, slot| *served += slot.0;
 ///     /// Largest number of services in a slot.
-///     most (Most) = REAL { label: "most services", source: FigureSource::Links }, |sums| *sums.0.iter().max().unwrap();
+///     most (Most) = REAL { label: "most services", source: FigureSource::Links },
+///         |sums| *sums.0.iter().max().unwrap();
 ///     /// The mean.
-///     mean (Mean): f64 = REAL { label: "services per slot" }, |sums| sums.0.iter().sum::<u64>() as f64 / sums.0.len() as f64;
+///     mean (Mean): f64 = REAL { label: "services per slot" },
+///         |sums| sums.0.iter().sum::<u64>() as f64 / sums.0.len() as f64;
 /// }
 ///
 /// let slots = [1, 5];
@@ -288,7 +313,8 @@ macro_rules! figures {
         $table_attributes:tt $counts_attributes:tt $columns_attributes:tt
         [$($keys:tt)*] [$($counted:tt)*] [$($figures:tt)*] [$($variants:tt)*]
         $(#[doc = $definition:literal])+ $(#[serde($($serde:tt)*)])?
-        $name:ident $(($variant:ident))? : $type:ty = $kind:ident { $($said:ident: $what:expr),* $(,)? }, each $each:expr;
+        $name:ident $(($variant:ident))? : $type:ty = $kind:ident { $($said:ident: $what:expr),* $(,)? },
+        each $each:expr;
         $($rest:tt)*
     ) => {
         $crate::figures! {
@@ -302,6 +328,7 @@ macro_rules! figures {
                 name: stringify!($name),
                 definition: concat!($($definition),+),
                 of_key: Some(|table: &$table| $crate::figure::FigureValue::number(&table.$name)),
+                count_of_key: Some(|table: &$table| $crate::figure::FigureValue::count(&table.$name)),
                 of_column: $crate::figures!(@column $sums $counts [$($variant)?] [counted $name]),
                 $($said: $what,)*
                 ..$kind
@@ -328,6 +355,7 @@ macro_rules! figures {
                 name: stringify!($name),
                 definition: concat!($($definition),+),
                 of_key: Some(|table: &$table| $crate::figure::FigureValue::number(&table.$name)),
+                count_of_key: Some(|table: &$table| $crate::figure::FigureValue::count(&table.$name)),
                 of_column: $crate::figures!(@column $sums $counts [$($variant)?] [of $of]),
                 $($said: $what,)*
                 ..$kind
@@ -405,7 +433,7 @@ macro_rules! figures {
             /// flown it again.
             pub fn recompute(&mut self, again: Self, known: $crate::figure::FigureSource) {
                 $(if Self::source(stringify!($key)) <= known {
-                    $crate::figure::FigureValue::recompute(&mut self.$key, again.$key, known);
+                    $crate::figure::FigureValue::recompute(&mut self.$key, again.$key);
                 })*
             }
 

@@ -41,15 +41,6 @@ pub struct Totals {
 }
 
 impl Totals {
-    /// The loss rate `η` of these bits (decisions D3 and D24), with the initial queues among those that were sampled if
-    /// it `counts_initial`; 0 of nothing.
-    pub fn loss_rate(&self, counts_initial: bool) -> f64 {
-        match self.sampled_bits + if counts_initial { self.initial_bits } else { 0 } {
-            0 => 0.0,
-            bits => self.lost_bits as f64 / bits as f64,
-        }
-    }
-
     /// Whether every bit is accounted for.
     pub fn is_balanced(&self) -> bool {
         let sum = |bits: [u64; 3]| bits.into_iter().map(u128::from).sum::<u128>(); // received totals may be any numbers

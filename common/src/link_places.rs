@@ -1,5 +1,7 @@
 //! The map of links of a scenario, at the places of its sensor nodes (decision D32).
 
+use std::sync::Arc;
+
 use crate::channel::{LinkBudget, LinkMap};
 use crate::error::InputError;
 use crate::geometry::Position;
@@ -10,32 +12,12 @@ use crate::sensors::SensorList;
 ///
 /// # Errors
 /// If there is a grid for an unknown sensor node, or a sensor node without one.
-pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
-    let (Some(map), Some(file)) = (scenario.link.map, &scenario.link.file) else { return Ok(None) };
-    let residual_m = scenario.link.residual_m.filter(|residual_m| *residual_m > 0.0);
-    if let Some(residual_m) = residual_m.filter(|_| scenario.link.residual_db.is_none()) {
-        let expected = "a residual that stays beside its standard deviation, link.residual_db";
-        return Err(scenario.refusal("link.residual_m", &residual_m.into(), expected));
-    }
-    if map.has_rates() {
-        let of_snr = "none beside a map of rates (rate_bps in link.file)";
-        if let Some(residual_db) = scenario.link.residual_db.filter(|residual_db| *residual_db > 0.0) {
-            return Err(scenario.refusal("link.residual_db", &residual_db.into(), of_snr));
-        }
-        if let Some(rates) = &scenario.link.rates {
-            return Err(scenario.refusal("link.rates", &rates.display().to_string().into(), of_snr));
-        }
-    }
-    let LinkBudget { law_snr_db, law_exponent, beacon_radius_m, .. } = scenario.link;
-    let of_snrs = [("law_snr_db", law_snr_db), ("law_exponent", law_exponent), ("beacon_radius_m", beacon_radius_m)];
-    let given = of_snrs.into_iter().find_map(|(key, value)| Some((key, value?)));
-    if let Some((key, value)) = given.filter(|_| map.has_rates()) {
-        let of_snr = "none beside a map of rates (rate_bps in link.file)";
-        return Err(scenario.refusal(&format!("link.{key}"), &value.into(), of_snr));
-    }
+pub fn placed(scenario: &Scenario) -> Result<Option<Arc<LinkMap>>, InputError> {
+    let (Some(map), Some(file)) = (&scenario.link.map, &scenario.link.file) else { return Ok(None) };
+    check_keys(scenario, map)?;
     let (names, has_others) = map.names();
     if map.is_placed() {
-        return Ok(Some(map));
+        return Ok(Some(Arc::clone(map)));
     }
     let refuse = |message: String| InputError::new("channel", &scenario.beside(file), message);
     let list = SensorList::without_arrivals(scenario)?;
@@ -70,5 +52,31 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
         }
     }
     let places: Vec<Position> = ids.into_iter().map(|id| list.sensors()[id].position).collect();
-    Ok(Some(map.clone().at_places(&places).held()))
+    Ok(Some(LinkMap::clone(map).at_places(&places).shared()))
+}
+
+/// Checks the keys that depend on what the levels of `map` are.
+fn check_keys(scenario: &Scenario, map: &LinkMap) -> Result<(), InputError> {
+    let residual_m = scenario.link.residual_m.filter(|residual_m| *residual_m > 0.0);
+    if let Some(residual_m) = residual_m.filter(|_| scenario.link.residual_db.is_none()) {
+        let expected = "a residual that stays beside its standard deviation, link.residual_db";
+        return Err(scenario.refusal("link.residual_m", &residual_m.into(), expected));
+    }
+    if map.has_rates() {
+        let of_snr = "none beside a map of rates (rate_bps in link.file)";
+        if let Some(residual_db) = scenario.link.residual_db.filter(|residual_db| *residual_db > 0.0) {
+            return Err(scenario.refusal("link.residual_db", &residual_db.into(), of_snr));
+        }
+        if let Some(rates) = &scenario.link.rates {
+            return Err(scenario.refusal("link.rates", &rates.display().to_string().into(), of_snr));
+        }
+    }
+    let LinkBudget { law_snr_db, law_exponent, beacon_radius_m, .. } = scenario.link;
+    let of_snrs = [("law_snr_db", law_snr_db), ("law_exponent", law_exponent), ("beacon_radius_m", beacon_radius_m)];
+    let given = of_snrs.into_iter().find_map(|(key, value)| Some((key, value?)));
+    if let Some((key, value)) = given.filter(|_| map.has_rates()) {
+        let of_snr = "none beside a map of rates (rate_bps in link.file)";
+        return Err(scenario.refusal(&format!("link.{key}"), &value.into(), of_snr));
+    }
+    Ok(())
 }

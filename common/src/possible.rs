@@ -1,6 +1,6 @@
 //! Which messages of the ring are possible. Every process refuses the others, before it computes with them.
 
-use crate::geometry::{Position, RANGE_SLACK};
+use crate::geometry::Position;
 use crate::message::{
     Commit, FlightReport, HeardLink, MAX_PATH_POINTS, MAX_SERVED, Mode, PathPoint, Plan, QueuesHeader, SensorNode,
     SensorsHeader, SlotHeader, Tick,
@@ -93,7 +93,7 @@ pub fn are_known_links(links: &[HeardLink], uavs: usize, sensors: usize) -> bool
 /// points over the area, with altitudes that are finite in single precision, in which they are drawn.
 #[must_use]
 pub fn are_possible_paths(points: &[PathPoint], area: &Area, uavs: usize) -> bool {
-    let border_m = RANGE_SLACK * area.width_m().max(area.height_m());
+    let border_m = area.border_slack_m();
     let is_over_area = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
     let is_short = |path: &[PathPoint]| path.len() <= MAX_PATH_POINTS && (path[0].uav as usize) < uavs;
     !points.is_empty()

@@ -94,7 +94,9 @@ pub fn normal_cdf(x: f64) -> f64 {
     if x.abs() > 7.0 {
         return if x > 0.0 { 1.0 } else { 0.0 };
     }
-    let (mut term, mut sum, mut power) = (x, x, 1.0);
+    let mut term = x;
+    let mut sum = x;
+    let mut power = 1.0;
     while term.abs() > 1e-17 {
         power += 2.0;
         term *= x * x / power;

@@ -25,11 +25,10 @@ use toml::{Table, Value};
 pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use crate::nodes::SensorKeys;
-pub use crate::nodes::energy::HARVEST;
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
 pub use each::MixedFleet;
-pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, name_refusal};
+pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, is_kept_file, name_refusal};
 pub use simplified::{SharedZones, SimplifiedZones};
 pub use track::{MOST_TRACK_SLOTS, TimedPoint, slot_ends};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
@@ -76,10 +75,10 @@ pub struct Overrides {
     /// Replaces any keys, before the replacements above.
     pub keys: Vec<Setting>,
     /// Replaces the content of the file `link.file`, which is then not read.
-    pub table: Option<&'static RateTable>,
-    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has no
-    /// places of sensor nodes, they are those of the list.
-    pub map: Option<&'static LinkMap>,
+    pub table: Option<Arc<RateTable>>,
+    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has
+    /// no places of sensor nodes, they are those of the list.
+    pub map: Option<Arc<LinkMap>>,
     /// Replaces the content of the file `uav.track`, which is then not read.
     pub track: Option<String>,
 }
@@ -188,7 +187,7 @@ impl Scenario {
         scenario.link.table = match (scenario.channel_file(), overrides.table) {
             (None, _) => None,
             (Some(_), Some(table)) => Some(table),
-            (Some(path), None) => Some(RateTable::read(&path)?.held()),
+            (Some(path), None) => Some(RateTable::read(&path)?.shared()),
         };
         if let Some((rates, radius_m)) = preset_rates::rates(&scenario)? {
             scenario.link.table = Some(rates);
@@ -201,7 +200,7 @@ impl Scenario {
                 None => LinkMap::read(&scenario.beside(file), rates.as_deref())?,
             });
         }
-        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
+        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().shared());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }

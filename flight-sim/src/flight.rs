@@ -293,7 +293,8 @@ impl Flight {
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
-        let (sensor_at, uav_at) = (&self.positions[index], &self.vehicle.position);
+        let sensor_at = &self.positions[index];
+        let uav_at = &self.vehicle.position;
         let of_place = |uav_at: &Point3<f64>| self.channel.law().uplink(self.gains[index], sensor_at, uav_at);
         let uplink = of_place(uav_at);
         let from = self.seen_from.as_ref().unwrap_or(uav_at);

@@ -59,8 +59,8 @@ pub fn replay<S: Service + 'static>(
 }
 
 /// Lets vehicles from outside fly until the mission ends, with the scenario's channel above where they are. A slot that
-/// ends farther than `reached_m` [m] from its waypoint, such as [`REACHED_M`](crate::outside::REACHED_M), has not reached
-/// it.
+/// ends farther than `reached_m` [m] from its waypoint, such as [`REACHED_M`](crate::outside::REACHED_M), has not
+/// reached it.
 ///
 /// # Errors
 /// As [`run`], and those of the vehicles.

@@ -9,10 +9,7 @@ use skysink_common::battery::Battery;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::HoldReason;
 use skysink_common::scenario::Scenario;
-
-/// Relative slack at the border of the area and of zones, and at the limits of a climb, for waypoints that are rounded
-/// outside.
-const SLACK: f64 = 1e-9;
+use skysink_common::slack::ALTITUDE_SLACK;
 
 /// A UAV at a fixed altitude, or with a range of altitudes.
 #[derive(Debug, Clone, PartialEq)]
@@ -106,7 +103,7 @@ impl Vehicle {
     /// outside of zones.
     pub fn fly_to(&mut self, waypoint: Point3<f64>, error_m: Option<Vector2<f64>>) -> HoldReason {
         let area = &self.scenario.area;
-        let border_m = SLACK * area.width_m().max(area.height_m());
+        let border_m = area.border_slack_m();
         let ground = waypoint.xy();
         let is_in_reach = area.contains(&ground, border_m) && self.scenario.reaches(&self.position.xy(), &ground);
         let [lowest_m, highest_m] = self.scenario.altitudes_m(self.position.z);
@@ -114,7 +111,7 @@ impl Vehicle {
             None if waypoint.z.is_finite() => self.position.z,
             _ => waypoint.z,
         };
-        let slack_m = SLACK * highest_m;
+        let slack_m = ALTITUDE_SLACK * highest_m;
         let is_possible = is_in_reach && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
         let z_m = z_m.clamp(lowest_m, highest_m);
         let from = self.position.xy();

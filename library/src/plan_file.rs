@@ -196,18 +196,23 @@ pub(crate) fn parse(
         }
         moves.push(planned(row, line, scenario).map_err(|expected| refuse(&expected))?);
     }
+    whole(flights, scenario).map_err(|message| refuse(&message))
+}
+
+/// The flights, if there are some and each has all slots of the mission; otherwise what is missing.
+fn whole(flights: BTreeMap<u64, PlannedFlight>, scenario: &Scenario) -> Result<BTreeMap<u64, PlannedFlight>, String> {
     let is_whole = |flight: &PlannedFlight| {
         flight.len() as u64 == scenario.slots && flight.iter().all(|moves| moves.len() == scenario.uav.uavs())
     };
     match flights.iter().find(|(_, flight)| !is_whole(flight)) {
         None if !flights.is_empty() => Ok(flights),
-        None => Err(refuse(&format!("it has no slot: expected rows {EXPECTED}"))),
+        None => Err(format!("it has no slot: expected rows {EXPECTED}")),
         Some((seed, flight)) => {
             let [found, expected] = [flight.len() as u64, scenario.slots];
             let after = flight.last().map_or(0, |moves| moves.len());
             let missing = if after < scenario.uav.uavs() { format!(" before UAV {after}") } else { String::new() };
             let at = format_args!("it ends in slot {found} of seed {seed}{missing}");
-            Err(refuse(&format!("{at}: expected {expected} slots of each UAV")))
+            Err(format!("{at}: expected {expected} slots of each UAV"))
         }
     }
 }

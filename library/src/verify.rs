@@ -142,7 +142,7 @@ impl FlownFlight {
     /// If the scenario of a seed is refused.
     pub(crate) fn bound(&self) -> Result<Option<f64>, MissionError> {
         // The bounds know of no sensor node that stops sampling.
-        if self.open.scenario.sensors.energy.is_some() {
+        if self.open.scenario.node_traits().may_die {
             return Ok(None);
         }
         let of_seed = |(&seed, &lost_bits): (&u64, &u64)| {
@@ -301,7 +301,8 @@ fn fly(
     let mut plant = Plant::new(&scenario, &list);
     let mut meter = MissionMeter::new(&scenario, &list);
     let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect()));
-    let (blocks, sensors) = (scenario.link.resource_blocks, list.sensors().len());
+    let blocks = scenario.link.resource_blocks;
+    let sensors = list.sensors().len();
     let mut same = SameFlight { moves: flight, path, blocks, sensors };
     drive(&mut plant, &mut pilot, &mut [&mut meter, &mut same], stop)?.unless_stopped()?;
     require_landed(&scenario, &plant, path)?;
@@ -365,7 +366,8 @@ impl SameFlight<'_> {
     /// How a flight differs from its plan.
     fn deviation(&self, planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
         let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-        let (at, to) = (flight.position(), planned.position);
+        let at = flight.position();
+        let to = planned.position;
         let mode = flight.flown_mode();
         if mode == Mode::Down {
             return Some("the UAV is down: expected enough energy; it charges in the mode `charge` only".to_owned());
@@ -374,13 +376,15 @@ impl SameFlight<'_> {
             let [found, stays] = [to, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
             let away_m = (to - at).norm();
             return Some(format!(
-                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot \
-                 reaches, in the area, outside of zones, apart from other UAVs, and not rounded away",
+                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a \
+                 slot reaches, in the area, outside of zones, apart from other UAVs, and not rounded away",
                 planned.mode
             ));
         }
         if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
-            let (count, blocks, sensors) = (planned.scheduled.len(), self.blocks, self.sensors);
+            let count = planned.scheduled.len();
+            let blocks = self.blocks;
+            let sensors = self.sensors;
             return Some(match (*id as usize >= sensors, count > blocks) {
                 (true, _) => format!("sensor node {id}: expected a number from 0 to {}", sensors - 1),
                 (_, true) => format!("{count} sensor nodes are scheduled: expected at most {blocks} at once"),

@@ -345,7 +345,8 @@ mod tests {
     #[test]
     fn every_observer_receives_every_slot_in_order() {
         let (mut plant, mut planner) = world("uts", 1);
-        let (mut first, mut second) = (Kept::default(), Kept::default());
+        let mut first = Kept::default();
+        let mut second = Kept::default();
         let end = drive(&mut plant, &mut planner, &mut [&mut first, &mut second], &Stop::default());
         assert_eq!(end.unwrap(), End::Complete);
         for kept in [&first, &second] {

@@ -8,7 +8,7 @@ use skysink_common::build::{VERSION, build};
 use skysink_common::error::InputError;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{CHANNEL, HARVEST, RATES, TRACE};
+use skysink_common::scenario::is_kept_file;
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::trace::RecordedSlot;
@@ -61,7 +61,7 @@ impl RunMode {
 #[must_use]
 pub fn is_source(name: &str) -> bool {
     let rest = name.strip_prefix("strategy.").filter(|rest| !rest.contains('/'));
-    [TRACE, HARVEST, CHANNEL, RATES].contains(&name) || rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
+    is_kept_file(name) || rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
 }
 
 /// The names of the sources that the run in `folder` has written, as its `run.toml` lists them.

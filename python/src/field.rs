@@ -55,7 +55,8 @@ impl FieldData {
     pub fn of_setup(setup: &Setup<'_>) -> Arc<Self> {
         let sensors = &setup.table.sensors;
         let node = |id: u32| {
-            let (at, sampler) = (sensors.position(id), sensors.sampler(id));
+            let at = sensors.position(id);
+            let sampler = sensors.sampler(id);
             SensorNode {
                 x_m: at.x,
                 y_m: at.y,

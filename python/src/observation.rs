@@ -385,7 +385,8 @@ impl Episode {
     pub fn returns_from(&self, id: u32) -> bool {
         let field = &self.field;
         let flight = self.flight();
-        let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
+        let from = flight.position().xy();
+        let sensor = field.sensors.position(id);
         let Some(route) = field.route_into(&from, sensor, field.limits.comm_radius_m) else { return false };
         let after = self.plant.slot() + u64::from(route.slots()).max(1);
         let energy_j = flight.energy_j - route.energy_j();

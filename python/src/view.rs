@@ -31,8 +31,8 @@ pub struct PyView {
     belief: Py<PyBelief>,
     /// What stays the same.
     field: Py<PyField>,
-    /// SNR of each SN that the UAV hears at the start of the slot [dB], float32 [N], read-only: NaN for those that it does
-    /// not. None without ``link.beacon_radius_m``.
+    /// SNR of each SN that the UAV hears at the start of the slot [dB], float32 [N], read-only: NaN for those that it
+    /// does not. None without ``link.beacon_radius_m``.
     links: Option<Py<PyArray1<f32>>>,
     /// Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery.
     energy_j: f64,

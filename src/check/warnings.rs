@@ -76,8 +76,8 @@ fn overloaded(figures: &Figures) -> Option<String> {
     let limit = if is_buffer_limited { "buffer size" } else { "radio" };
     let visits = if load.visits == 1 { "1 visit".to_owned() } else { format!("{} visits", load.visits) };
     Some(format!(
-        "the load is {percent} of what {visits} can collect ({offered} of {carried} per slot, limited by the {limit}): once \
-         buffers are full, every strategy loses data"
+        "the load is {percent} of what {visits} can collect ({offered} of {carried} per slot, limited by the {limit}): \
+         once buffers are full, every strategy loses data"
     ))
 }
 
@@ -105,11 +105,12 @@ fn hidden(figures: &Figures) -> Option<String> {
 fn unserved(figures: &Figures) -> Option<String> {
     let advice = match figures.fill_slots {
         Some(_) => {
-            "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use more slots"
+            "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use \
+             more slots"
         }
         None => {
-            "no sensor node samples: no strategy loses data; planner.objective = \"collect\" lets horizon and offline plan \
-             for what is delivered"
+            "no sensor node samples: no strategy loses data; planner.objective = \"collect\" lets horizon and offline \
+             plan for what is delivered"
         }
     };
     (figures.loss_free == LossFree::Unserved && figures.objective.is_none()).then(|| advice.to_owned())

@@ -34,7 +34,8 @@ pub struct FleetCommand {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = strategy())]
     strategies: Vec<&'static str>,
     /// Most loss rate.
-    #[arg(long, value_name = "LOSS", default_value_t = 0.0, value_parser = number("a fraction from 0 to 1", |loss| (0.0..=1.0).contains(&loss)), allow_negative_numbers = true)]
+    #[arg(long, value_name = "LOSS", default_value_t = 0.0, allow_negative_numbers = true,
+        value_parser = number("a fraction from 0 to 1", |loss| (0.0..=1.0).contains(&loss)))]
     loss: f64,
     /// Fields, with consecutive seeds starting at the scenario's.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100_000))]

@@ -204,9 +204,9 @@ impl Hardware {
 
     /// These lines, and those of slots for the radio and the drone in `draft`, with the SNs `list`.
     ///
-    /// A slot has the time of a leg over the communication radius (decision D31), and that to set up a contact and send a
-    /// full buffer from there, each at most [`MOST_S`]. An exported plan flies the slot and then holds for the communication, so that a
-    /// slot takes both from the endurance, and [`JERK_S`].
+    /// A slot has the time of a leg over the communication radius (decision D31), and that to set up a contact and send
+    /// a full buffer from there, each at most [`MOST_S`]. An exported plan flies the slot and then holds for the
+    /// communication, so that a slot takes both from the endurance, and [`JERK_S`].
     pub fn lines_with_slots(&self, draft: &Scenario, list: &SensorList) -> Lines {
         let mut lines = self.lines();
         if !self.is_named() {

@@ -190,7 +190,8 @@ impl ResumedRun {
         let count = field.queues_bits().len();
         let uavs = self.plant.flights().len();
         journal(ring_folder, count, uavs)?.save(slot, &[], &self.planner)?;
-        fields::resume(&mut fields::journal(ring_folder, &field, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
+        // An empty journal starts with this state.
+        fields::resume(&mut fields::journal(ring_folder, &field, uavs)?, &mut field, uavs)?;
         flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
         Ok(self.log)
     }

@@ -134,7 +134,8 @@ fn a_fleet_of_uavs_that_differ_survives_deaths_and_is_resumed_replayed_and_expor
     let said = place.run_ok(&["export", "ring", "--format", "csv", "--origin", "47,8", "--north", "true"]).stdout;
     assert!((0..4).all(|uav| said.contains(&format!("ring-uav-{uav}.csv"))), "{said}");
     let checked = place.run_ok(&["check", "mixed.toml"]).stdout;
-    for expected in ["uav.each[1], x500", "2 at 20 m (n = 4)", "1 at 20 m (n = 1): uav.each[2]", "1 at 40 m (n = 4): uav.each[0]"]
+    for expected in
+        ["uav.each[1], x500", "2 at 20 m (n = 4)", "1 at 20 m (n = 1): uav.each[2]", "1 at 40 m (n = 4): uav.each[0]"]
     {
         assert!(checked.contains(expected), "{expected}: {checked}");
     }

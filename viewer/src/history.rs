@@ -9,6 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::loss_rate::LossRate;
 use skysink_common::message::{FlightReport, Totals};
 use skysink_common::nodes::{DEAD, held_bits};
 use skysink_common::sampling::Sampler;
@@ -38,6 +39,7 @@ const U64_BYTES: usize = 10;
 #[derive(Debug, Clone)]
 pub(crate) struct SensorHistory {
     sensors: Arc<Sensors>,
+    rate: LossRate,
     slot_s: f64,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
@@ -67,7 +69,7 @@ pub(crate) struct Sums {
 impl SensorHistory {
     /// The loss rate so far, `η`, of a mission with these `totals` (decisions D3 and D24).
     pub(crate) fn loss_rate(&self, totals: &Totals) -> f64 {
-        totals.loss_rate(self.sensors.counts_initial)
+        self.rate.after(self.sums.slot.unwrap_or(0), totals)
     }
 
     /// The history before the first slot.
@@ -81,6 +83,7 @@ impl SensorHistory {
         let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
         Self {
             sensors: Arc::clone(sensors),
+            rate: LossRate::of(scenario, sensors.ids().map(|id| sensors.sampler(id).mean_bits)),
             slot_s: scenario.slot_s,
             lost_now_bits: vec![0; count],
             died: Vec::new(),
@@ -236,17 +239,13 @@ mod tests {
     const MIDDLE: Position = Position::new(50.0, 50.0);
 
     #[test]
-    fn a_loss_rate_counts_initial_queues_where_bits_expire_or_sensor_nodes_die() {
-        let totals = Totals { initial_bits: 300, sampled_bits: 100, lost_bits: 200, ..Totals::default() };
-        let rate = |keys: &str| {
-            let text = format!("name = 'x'\nslots = 9\n[sensors]\ncount = 3\n{keys}");
-            let scenario = Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
-            let history = SensorHistory::new(&scenario, &Arc::new(Sensors::of(&scenario, &[SensorNode::default(); 3])));
-            history.loss_rate(&totals)
-        };
-        let duty = "[link]\nduty_cycle = 0.5\nduty_window_s = 9.0\n";
-        assert_eq!(["", duty].map(rate), [2.0; 2], "more was sampled before");
-        assert_eq!(["expiry_s = 5.0\n", "[sensors.energy]\ncapacity_j = 9.0\n"].map(rate), [0.5; 2]);
+    fn the_loss_rate_is_of_what_the_sensor_nodes_sample_on_average() {
+        let mut history = history();
+        assert_eq!(history.loss_rate(&Totals::default()), 0.0);
+        (0..=3).for_each(|slot| history.add(slot, &[0; 3], [MIDDLE]));
+        // In three slots of 1 s 300, 7.5 and 0 bit, of which whole bits are 307.
+        let totals = Totals { sampled_bits: 307, lost_bits: 123, ..Totals::default() };
+        assert!((history.loss_rate(&totals) - 0.4).abs() < 1e-12);
     }
 
     #[test]

@@ -105,8 +105,8 @@ pub fn run<S: Service + 'static>(
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
-    let energy = scenario.sensors.energy.as_ref().map(|_| SensorList::of(scenario)).transpose()?;
-    let ledger = energy.map(|list| list.ledger(scenario));
+    let list = scenario.node_traits().has_level.then(|| SensorList::of(scenario)).transpose()?;
+    let ledger = list.map(|list| list.ledger(scenario));
     let followed = Follower::open(&ring, scenario, journal, ledger, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
     let closed = scene.close();
@@ -121,7 +121,8 @@ struct Follower<'a, S: Service + 'static> {
     area: &'a Area,
     /// Number of UAVs.
     uavs: usize,
-    /// That of sensor nodes with batteries, whose charges no topic has; `None` without them, and once slots are missed.
+    /// That of sensor nodes with something that runs out, which no topic has; `None` without, and once slots are
+    /// missed.
     ledger: Option<Ledger>,
     /// The slot of the ledger.
     ledger_slot: u64,

@@ -8,6 +8,9 @@ use crate::geometry::Position;
 
 type IndexedBox = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
+/// Slack of lengths that are compared, relative to them.
+pub(super) const LENGTH_SLACK: f64 = 1e-9;
+
 /// Boxes up to which each is looked at, which is faster than a tree.
 const FEW: usize = 16;
 
@@ -43,7 +46,7 @@ impl Near {
         let middle = Position::new((low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0);
         let off = along.perp(&(middle - self.from)).abs();
         let reach = along.y.abs() * half[0] + along.x.abs() * half[1];
-        off <= reach * (1.0 + 1e-9)
+        off <= reach * (1.0 + LENGTH_SLACK)
     }
 }
 

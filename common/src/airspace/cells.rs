@@ -24,6 +24,9 @@ const BESIDE: f64 = 1e-6;
 /// it came from.
 const BEFORE_MIDDLE: f64 = 1e-10;
 
+/// Slack of a number of cells, relative to it, so that rounding takes none.
+const CELLS_SLACK: f64 = 1e-12;
+
 /// The distance to a cell that no way leads to.
 const FAR: u16 = u16::MAX;
 
@@ -400,7 +403,7 @@ impl Ways for Arc<GridCells> {
 /// Whole cells of `cell_m` [m] along a side [m].
 #[must_use]
 pub fn cells_along(side_m: f64, cell_m: f64) -> u32 {
-    (side_m / cell_m * (1.0 + 1e-12)).floor().min(f64::from(u32::MAX)) as u32
+    (side_m / cell_m * (1.0 + CELLS_SLACK)).floor().min(f64::from(u32::MAX)) as u32
 }
 
 #[cfg(test)]

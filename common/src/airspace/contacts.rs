@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector2;
 
 use super::boxes::BoxIndex;
-use super::polygon::{ClosedZone, Polygon, ROUNDING};
+use super::polygon::{ClosedZone, DEPTH_SLACK, Polygon};
 use crate::geometry::{Position, distance_squared};
 
 /// Gaps between zones, and beside the edge of the area, up to this width are closed [m]: corners in files are rounded.
@@ -19,8 +19,8 @@ const WIDEST_GAP_M: f64 = 0.02;
 /// The same relative to the area.
 const WIDEST_GAP: f64 = 1e-4;
 
-/// Slack of directions at a corner [rad].
-const ANGLE_SLACK: f64 = 1e-9;
+/// Slack of directions at a corner [rad]: edges that turn by less are one.
+pub(super) const ANGLE_SLACK: f64 = 1e-9;
 
 /// A shared edge, or a corner, at which there is closed ground on all sides.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,7 +86,7 @@ pub(super) fn close_gaps(zones: &mut [ClosedZone], extent_m: f64) {
 /// `polygon` with those of `corners`, of `other`, as corners that lie at most `gap_m` beside it, or on its edges;
 /// `None` if there are none, or it would cross itself.
 fn joined(polygon: &Polygon, corners: &[Position], other: &Polygon, gap_m: f64, extent_m: f64) -> Option<Polygon> {
-    let rounding_m = ROUNDING * extent_m;
+    let rounding_m = DEPTH_SLACK * extent_m;
     let own = polygon.corners();
     let is_shared = |at: &Position| other.corners().contains(at);
     // (edge, distance along it, corner)
@@ -164,7 +164,7 @@ impl ZoneContacts {
             }
         }
         let index = BoxIndex::new(contacts.iter().map(|Contact { ends: [a, b], .. }| [a.inf(b), a.sup(b)]));
-        Self { contacts, index, rounding_m: ROUNDING * extent_m, beside }
+        Self { contacts, index, rounding_m: DEPTH_SLACK * extent_m, beside }
     }
 
     /// Points beside shared corners; some are in zones.

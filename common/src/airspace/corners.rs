@@ -9,6 +9,8 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 use nalgebra::Vector2;
 
+use super::boxes::LENGTH_SLACK;
+use super::contacts::ANGLE_SLACK;
 use super::ground::ClosedGround;
 use super::polygon::{Bends, Polygon};
 use super::ways::Ways;
@@ -16,9 +18,6 @@ use crate::geometry::{Position, distance_squared, length_m};
 
 /// Most lengths that are kept for points [8 bytes].
 const MOST_KEPT: usize = 4_000_000;
-
-/// Slack of the lengths of ways that are compared, relative to them.
-const LENGTH_SLACK: f64 = 1e-9;
 
 /// The shortest ways between zones.
 #[derive(Debug, PartialEq)]
@@ -405,7 +404,7 @@ fn beside_corners(polygon: &Polygon, clearance_m: f64) -> impl Iterator<Item = N
         let on = (corners[(index + 1) % count] - at).normalize();
         // The forbidden side is to the left.
         let turn = on.perp(&back);
-        let is_flat = turn < 1e-9 && back.dot(&on) < 0.0;
+        let is_flat = turn < ANGLE_SLACK && back.dot(&on) < 0.0;
         let outward = if is_flat { Vector2::new(on.y, -on.x) } else { -(back + on).normalize() };
         (turn > 0.0).then_some(Node { at: at + outward * clearance_m, edges: [back, on] })
     })

@@ -2,7 +2,7 @@
 
 use super::boxes::BoxIndex;
 use super::contacts::{self, ZoneContacts};
-use super::polygon::{ClosedZone, Polygon, ROUNDING};
+use super::polygon::{ClosedZone, DEPTH_SLACK, Polygon};
 use crate::geometry::Position;
 
 /// How far ways keep from the corners that they bend at, relative to the area.
@@ -84,7 +84,7 @@ impl ClosedGround {
 
     /// How deep in a zone rounding may lead [m].
     pub fn slack_m(&self) -> f64 {
-        ROUNDING * self.extent_m
+        DEPTH_SLACK * self.extent_m
     }
 
     /// Whether `point` [m] lies in the area, and not in closed ground.

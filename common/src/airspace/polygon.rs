@@ -7,6 +7,9 @@ use crate::geometry::{Position, distance_squared, extent};
 /// Bends of a way, and its end.
 pub type Bends = SmallVec<[Position; 4]>;
 
+/// Least area of a polygon, relative to the square of the diagonal of its extent.
+const LEAST_AREA: f64 = 1e-12;
+
 /// Slack of crossings, as a fraction of a segment or an edge.
 const CROSSING_SLACK: f64 = 1e-12;
 
@@ -21,7 +24,7 @@ pub struct Polygon {
 }
 
 /// Depth in a zone that rounding may lead to, relative to the area.
-pub(super) const ROUNDING: f64 = 1e-12;
+pub(super) const DEPTH_SLACK: f64 = 1e-12;
 
 /// A zone up to an altitude.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +53,7 @@ impl Polygon {
         }
         let mut ring = Self::ring(corners, is_border);
         let twice_m2 = ring.twice_m2();
-        if twice_m2.abs() <= 1e-12 * (ring.highest - ring.lowest).norm_squared() || ring.crosses_itself() {
+        if twice_m2.abs() <= LEAST_AREA * (ring.highest - ring.lowest).norm_squared() || ring.crosses_itself() {
             return Err(EXPECTED);
         }
         if (twice_m2 > 0.0) == is_border {
@@ -132,8 +135,10 @@ impl Polygon {
             return false;
         }
         let side = |p: &Position, q: &Position, r: &Position| (q - p).perp(&(r - p));
-        let (of_c, of_d) = (side(&a, &b, &c), side(&a, &b, &d));
-        let (of_a, of_b) = (side(&c, &d, &a), side(&c, &d, &b));
+        let of_c = side(&a, &b, &c);
+        let of_d = side(&a, &b, &d);
+        let of_a = side(&c, &d, &a);
+        let of_b = side(&c, &d, &b);
         if [of_a, of_b, of_c, of_d] == [0.0; 4] {
             return a.inf(&b).sup(&c.inf(&d)) <= a.sup(&b).inf(&c.sup(&d));
         }
@@ -188,7 +193,8 @@ impl Polygon {
         let pairs = edges(&self.corners).filter(|_| is_near);
         let pairs = pairs.flat_map(|edge| edges(&other.corners).map(move |of_other| (edge, of_other)));
         let crossing = |([a, b], [c, d]): ([Position; 2], [Position; 2])| {
-            let (along, across) = (b - a, d - c);
+            let along = b - a;
+            let across = d - c;
             let turn = along.perp(&across); // 0 in parallel, which makes fractions infinite or NaN
             let [of_along, of_across] = [(c - a).perp(&across) / turn, (c - a).perp(&along) / turn];
             let is_on = |fraction: &f64| (0.0..=1.0).contains(fraction);

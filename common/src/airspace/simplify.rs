@@ -9,6 +9,7 @@ use std::collections::BinaryHeap;
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
+use super::contacts::ANGLE_SLACK;
 use super::polygon::{Polygon, nearest_between};
 use crate::geometry::{Position, extent};
 
@@ -169,7 +170,7 @@ impl<'k> Outlines<'k> {
         }
         let [ab, cd] = [b - a, d - c];
         let across = ab.perp(&cd);
-        if turn(&a, &b, &c) > 0.0 && turn(&b, &c, &d) > 0.0 && across > 1e-9 * ab.norm() * cd.norm() {
+        if turn(&a, &b, &c) > 0.0 && turn(&b, &c, &d) > 0.0 && across > ANGLE_SLACK * ab.norm() * cd.norm() {
             let meeting = b + ab * ((c - b).perp(&cd) / across);
             let deviation_m = of_ab.max(of_cd).max(of_bc + away_m(&meeting, &b, &c));
             self.changes.push(Change { deviation_m, corners, meeting: Some(meeting) });

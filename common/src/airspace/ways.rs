@@ -56,7 +56,8 @@ pub(super) trait Ways {
         let along = way[piece] - begin;
         let away = begin - centre;
         // |away + t along| = radius, the first time; 0 if it begins within.
-        let (a, half_b) = (along.norm_squared(), along.dot(&away));
+        let a = along.norm_squared();
+        let half_b = along.dot(&away);
         let c = away.norm_squared() - radius_m * radius_m;
         if c <= 0.0 {
             way[piece] = begin;

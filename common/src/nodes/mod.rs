@@ -1,7 +1,8 @@
 //! The registry of the features of sensor nodes (SNs): properties that a mission may have or not.
 //!
-//! A feature is a file of this folder, with what it does ([`NodeModel`]) and what a mission says of it ([`Declared`]), a
-//! line of the list in this file, and its key in [`keys`]. The ledger, the list and planners ask the registry.
+//! A feature is a file of this folder, with what it does ([`NodeModel`]) and what a mission says of it ([`Declared`]),
+//! a line of the list in this file, and its keys, those of `[sensors]` in [`keys`]. The ledger, the list and planners
+//! ask the registry.
 
 pub mod duty;
 pub mod energy;
@@ -101,6 +102,11 @@ impl NodeRow {
             make: |setup| F::make(setup).map(NodeFeature::from),
         }
     }
+}
+
+/// The files of all features.
+pub fn files() -> impl Iterator<Item = NodeFile> {
+    NODE_ROWS.into_iter().filter_map(|row| row.file)
 }
 
 /// The columns of all features.

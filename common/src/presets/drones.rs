@@ -50,8 +50,8 @@ pub const DRONES: [Drone; 5] = [
         cruise_mps: 8.0,
         climb_mps: 3.0,
         disc_m2: 0.20,
-        source: "Holybro X500 V2; battery 4S 5.2 Ah: PX4 documentation; power and rotor area computed; mass, hover time and \
-                 speeds unverified",
+        source: "Holybro X500 V2; battery 4S 5.2 Ah: PX4 documentation; power and rotor area computed; mass, hover \
+                 time and speeds unverified",
     },
     Drone {
         name: "mavic-3e",
@@ -63,7 +63,8 @@ pub const DRONES: [Drone; 5] = [
         cruise_mps: 12.0,
         climb_mps: 8.0,
         disc_m2: 0.18,
-        source: "DJI Mavic 3 Enterprise; mass and 45 min of flight: DJI; power and rotor area computed; the rest unverified",
+        source: "DJI Mavic 3 Enterprise; mass and 45 min of flight: DJI; power and rotor area computed; the rest \
+            unverified",
     },
     Drone {
         name: "m30",
@@ -75,7 +76,8 @@ pub const DRONES: [Drone; 5] = [
         cruise_mps: 12.0,
         climb_mps: 6.0,
         disc_m2: 0.52,
-        source: "DJI Matrice 30; mass, top speed and 41 min of flight: DJI; power and rotor area computed; the rest unverified",
+        source: "DJI Matrice 30; mass, top speed and 41 min of flight: DJI; power and rotor area computed; the rest \
+            unverified",
     },
     Drone {
         name: "m350",

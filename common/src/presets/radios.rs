@@ -51,8 +51,8 @@ const fn cqi(snr_db: f64, efficiency: f64) -> RateStep {
 
 /// LoRa at 868 MHz with 14 dBm in 125 kHz, coding rate 4/5, frames of the largest EU868 payload.
 const fn lora(name: &'static str, steps: &'static [RateStep], setup_s: [f64; 2]) -> Radio {
-    let source = "sensitivity: SX1272 data sheet; payload rate: time on air of the largest EU868 frame, computed; n and first \
-                  contact unverified";
+    let source = "sensitivity: SX1272 data sheet; payload rate: time on air of the largest EU868 frame, computed; n \
+                  and first contact unverified";
     Radio { name, first_metre_db: AT_868_MHZ_DB, tx_dbm: 14.0, steps, resource_blocks: 8, setup_s, source }
 }
 
@@ -73,8 +73,8 @@ pub const RADIOS: [Radio; 12] = [
         "802154",
         &[step(-100.0, 130e3)],
         [0.01, 0.01],
-        "sensitivity: data sheets, -95 to -103.5 dBm; payload rate: frames of 114 byte with back-off and acknowledgement, \
-         computed; first contact unverified",
+        "sensitivity: data sheets, -95 to -103.5 dBm; payload rate: frames of 114 byte with back-off and \
+         acknowledgement, computed; first contact unverified",
     ),
     at_2440(
         "ble-1m",
@@ -123,8 +123,8 @@ pub const RADIOS: [Radio; 12] = [
         ],
         resource_blocks: 1,
         setup_s: [1.0, 4.0],
-        source: "rates and sensitivities: IEEE 802.11n, 20 MHz (chips are some 10 dB better); the sensitivities, 50 % of the \
-                 rate as payload, and first contact unverified",
+        source: "rates and sensitivities: IEEE 802.11n, 20 MHz (chips are some 10 dB better); the sensitivities, 50 % \
+                 of the rate as payload, and first contact unverified",
     },
     Radio {
         name: "lte-1.4",

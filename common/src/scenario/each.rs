@@ -13,6 +13,7 @@ use super::uav::{MAX_UAVS, UavKeys};
 use crate::error::InputError;
 use crate::keys::{self, Keys, OwnKeys, Setting, SettingOrigin, Source, dotted};
 use crate::presets;
+use crate::slack::TIME_SLACK;
 
 /// The name of the list.
 const EACH: &str = "uav.each";
@@ -306,7 +307,7 @@ impl Scenario {
         let UavKind { uav: keys, own, .. } = &fleet.kinds[fleet.kind_of(uav).0];
         let is_own = own.has("uav.endurance_s") && self.must_land();
         let flight_s = self.slots as f64 * self.slot_s;
-        Some(keys.endurance_s).filter(|endurance_s| is_own && flight_s > endurance_s * (1.0 + 1e-12))
+        Some(keys.endurance_s).filter(|endurance_s| is_own && flight_s > endurance_s * (1.0 + TIME_SLACK))
     }
 
     /// Changes `[uav]` of all kinds of UAVs; the key of its own table, if it has one, is told.

@@ -17,7 +17,8 @@ use crate::channel::{LinkBudget, LinkModel};
 use crate::error::InputError;
 use crate::geodata::plausible::NamedPolygon;
 use crate::keys::{self, Accepts, Keys, OwnKeys, POSITIVE, Setting, Source};
-use crate::nodes::{NODE_ROWS, SensorKeys};
+use crate::nodes::{self, NODE_ROWS, SensorKeys};
+use crate::slack::TIME_SLACK;
 
 /// The file of the arrivals in a run folder.
 pub const TRACE: &str = "arrivals.csv";
@@ -27,6 +28,13 @@ pub const CHANNEL: &str = "channel.csv";
 
 /// The rates of the SNRs of a map of links, in the folder of a run.
 pub const RATES: &str = "rates.csv";
+
+/// Whether a run folder keeps under this name a file that its scenario reads besides the sensor list: arrivals, a file
+/// of a feature of the sensor nodes, a channel.
+#[must_use]
+pub fn is_kept_file(name: &str) -> bool {
+    [TRACE, CHANNEL, RATES].contains(&name) || nodes::files().any(|file| file.name == name)
+}
 
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
@@ -253,7 +261,7 @@ impl Scenario {
     /// The last slot that the UAV number `uav` flies in: that of the mission, or where its own endurance ends.
     pub fn slots_of(&self, uav: usize) -> u64 {
         let own =
-            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
+            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + TIME_SLACK)).floor() as u64);
         own.map_or(self.slots, |own| own.min(self.slots))
     }
 

@@ -1,5 +1,7 @@
 //! The rates of the radio that a scenario names (decision D38).
 
+use std::sync::Arc;
+
 use super::{Scenario, UavKeys};
 use crate::channel::{LinkModel, PathLoss, RateTable};
 use crate::error::InputError;
@@ -12,7 +14,7 @@ const ALTITUDES: u32 = 5;
 ///
 /// # Errors
 /// If the radio does not reach the ground from there.
-pub(crate) fn rates(scenario: &Scenario) -> Result<Option<(&'static RateTable, f64)>, InputError> {
+pub(crate) fn rates(scenario: &Scenario) -> Result<Option<(Arc<RateTable>, f64)>, InputError> {
     let link = &scenario.link;
     let named = link.preset.as_ref().filter(|_| link.model == LinkModel::Table);
     let radio = named.and_then(|name| RADIOS.iter().find(|radio| radio.name == name));
@@ -31,7 +33,7 @@ pub(crate) fn rates(scenario: &Scenario) -> Result<Option<(&'static RateTable, f
         );
         return Err(scenario.refusal("link.preset", &radio.name.into(), &expected));
     };
-    Ok(Some((radio.table(&loss, &altitudes_m).held(), radius_m)))
+    Ok(Some((radio.table(&loss, &altitudes_m).shared(), radius_m)))
 }
 
 /// The altitudes of a table for the UAVs of `scenario` [m], ascending.

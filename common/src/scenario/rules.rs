@@ -16,10 +16,14 @@ use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
-use crate::keys::{self, Keys, Only, Source};
+use crate::keys::{self, Keys, Only, Rule, Source};
 use crate::nodes::keys::MAX_FIELD_BITS;
 use crate::nodes::{NODE_ROWS, SILENT};
 use crate::presets;
+use crate::slack::TIME_SLACK;
+
+/// Slack of a probability that has to be 1.
+const CERTAIN_SLACK: f64 = 1e-9;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
 pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
@@ -31,15 +35,35 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     };
 
     check_forms(file, scenario.source())?;
+    check_pairs(&is_given, &rule)?;
+    check_sensors(scenario, &rule)?;
+    check_uav(scenario, &rule)?;
+    zones::check(scenario)?;
+    check_channel(scenario, &rule)?;
+    for (key, only) in conditional() {
+        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
+        let holds = other.is_some_and(|other| only.values.contains(&other));
+        if let Some(expected) = only.expected {
+            rule(holds, &key, expected)?;
+        }
+    }
+    check_contact(scenario, &rule)
+}
+
+/// Checks that keys that belong together are.
+fn check_pairs(is_given: &dyn Fn(&str) -> bool, rule: Rule<'_>) -> Result<(), InputError> {
     rule(is_given("area.height_m"), "area.width_m", "width_m and height_m together, or side_m")?;
     rule(is_given("area.width_m"), "area.height_m", "width_m and height_m together, or side_m")?;
     for (key, other) in [("area.origin_lat_deg", "area.origin_lon_deg"), ("area.origin_lon_deg", "area.origin_lat_deg")]
     {
         rule(is_given(other), key, "origin_lat_deg and origin_lon_deg together")?;
     }
+    Ok(())
+}
 
-    let Scenario { area, sensors, uav, link, .. } = scenario;
-    let flight_s = scenario.slots as f64 * scenario.slot_s;
+/// Checks what the sensor nodes sample, and their features.
+fn check_sensors(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let sensors = &scenario.sensors;
     let sampled_bits = sensors.sampling_bps.ends()[1] * scenario.slot_s * scenario.slots as f64;
     rule(sampled_bits <= MAX_SAMPLED_BITS, "sensors.sampling_bps", "at most 9e15 bits over the mission")?;
     let field_bits = sensors.count.map_or(1.0, f64::from) * sampled_bits;
@@ -55,33 +79,42 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(time_s.is_none_or(|time_s| time_s >= scenario.slot_s), key, &expected)?;
     }
     let node_keys = scenario.node_keys();
-    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, &rule))?;
+    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, rule))?;
     let is_told = !node_keys.traits().may_refuse || sensors.capacity_bits.ends()[1] < SILENT - 1;
     rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
-    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;
+    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)
+}
 
+/// Checks the flights of the UAVs, their starts and the base.
+fn check_uav(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { area, uav, link, .. } = scenario;
+    let flight_s = scenario.slots as f64 * scenario.slot_s;
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
     let is_own = scenario.must_land() && scenario.own.as_ref().is_some_and(|own| own.has("uav.endurance_s"));
     let least_s = if is_own { scenario.slot_s } else { flight_s };
-    rule(least_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
+    rule(least_s <= uav.endurance_s * (1.0 + TIME_SLACK), "uav.endurance_s", &expected)?;
     let wind_mps = scenario.wind_mps().norm();
     let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     rule(uav.start_m.is_none_or(|start_m| area.contains(&start_m.into(), 0.0)), "uav.start_m", &expected)?;
-    check_fleet(scenario, file)?;
+    check_lists(scenario, rule)?;
     if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
     }
     let has_own = scenario.base.as_ref().is_some_and(|base| base.site.is_some() && base.charge_w > 0.0);
     rule(!has_own, "base.charge_w", "none beside [[base.site]], whose tables have their own")?;
-    check_moves(scenario, &rule)?;
+    check_moves(scenario, rule)?;
     let is_within = uav.waypoint_margin_m.is_none_or(|margin_m| margin_m < link.comm_radius_m);
-    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")?;
-    zones::check(scenario)?;
+    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")
+}
+
+/// Checks the channel model, and the altitudes at which it matters.
+fn check_channel(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { sensors, uav, link, .. } = scenario;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
     let is_map = link.model == LinkModel::Map;
@@ -106,16 +139,14 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         let is_in_range = (min_altitude_m..=max_altitude_m).contains(&uav.altitude_m);
         rule(is_in_range, "uav.altitude_m", &format!("a start from {min_altitude_m} to {max_altitude_m} m"))?;
     }
+    Ok(())
+}
 
-    for (key, only) in conditional() {
-        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
-        let holds = other.is_some_and(|other| only.values.contains(&other));
-        if let Some(expected) = only.expected {
-            rule(holds, &key, expected)?;
-        }
-    }
+/// Checks the probability of line of sight and the times of a contact.
+fn check_contact(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let link = &scenario.link;
     if let Some(LosCurve::Logistic { b3, b4, .. }) = link.los {
-        rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
+        rule((b3 + b4 - 1.0).abs() < CERTAIN_SLACK, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
     rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)?;
@@ -138,19 +169,24 @@ pub(crate) fn check_forms(file: &Table, source: Source) -> Result<(), InputError
 
 /// Checks the keys with a value for each UAV of `scenario`, which was read from `file`.
 pub(crate) fn check_fleet(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
-    let Scenario { area, uav, .. } = scenario;
     let source = Source { own: None, ..scenario.source() };
-    let rule = |holds: bool, key: &str, expected: &str| match value(file, key) {
+    check_lists(scenario, &|holds, key, expected| match value(file, key) {
         Some(value) if !holds => Err(source.refusal(key, value, expected)),
         _ => Ok(()),
-    };
+    })
+}
+
+/// Checks the keys with a value for each UAV.
+fn check_lists(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { area, uav, .. } = scenario;
     let is_in_area = |start: Point3<f64>| area.contains(&start.xy(), 0.0);
     let starts_m = uav.starts_m.as_ref().map_or(uav.uavs(), Vec::len);
     let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
     let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
     rule(are_starts, "uav.starts_m", &expected_starts)?;
     let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
-        let is_time = |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + 1e-12) >= scenario.slot_s;
+        let is_time =
+            |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
         uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
     });
     let expected =

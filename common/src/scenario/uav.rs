@@ -67,7 +67,8 @@ crate::keys! {
         starts_m: Option<Vec<[f64; 2]>>, Accepts::Rule("a position in the area for each UAV");
         /// Longest flight of each UAV [s], `[s, s, ...]`, with `must_land`: it is in the base when its own ends, and
         /// stays there.
-        endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with must_land");
+        endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with \
+            must_land");
         /// How the UAVs share the field (decision D22); `"partition"` if absent.
         coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
         /// A UAV may not fly to within this distance of where one of lower number ends the slot, outside of bases [m];

@@ -126,7 +126,7 @@ fn one_radio_has_the_rates_of_all_altitudes() {
     let text = "slots = 60\nslot_s = 10.0\n[link]\npreset = 'lora-sf7'\ncomm_s = 5.0\n[uav]\n";
     let [low, both] = ["altitude_m = 60.0\n", "[[uav.each]]\naltitude_m = 90.0\n[[uav.each]]\naltitude_m = 60.0\n"]
         .map(|uav| parse(&format!("{text}{uav}")));
-    assert_eq!(both.link.table.unwrap().axes()[1], [60.0, 90.0]);
+    assert_eq!(both.link.table.as_ref().unwrap().axes()[1], [60.0, 90.0]);
     assert_eq!(both.link.comm_radius_m, low.link.comm_radius_m);
 }
 

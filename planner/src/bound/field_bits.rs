@@ -9,6 +9,7 @@ use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
+use super::margins::LENGTH_MARGIN;
 use super::paths::legs::fewest_slots;
 
 /// By how much the nearest place beside zones may be farther away than the range: it keeps clear of them.
@@ -90,7 +91,7 @@ impl FieldBits {
     /// The SNs `ids` of a scenario, with these queues [bit], by id.
     #[must_use]
     pub fn over(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32], ids: impl Iterator<Item = u32>) -> Self {
-        let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
+        let in_range_m = scenario.link.comm_radius_m * (1.0 + LENGTH_MARGIN);
         let kinds: Vec<FirstFlight> = scenario.kinds().map(|kind| FirstFlight::of(&kind)).collect();
         let blocks = scenario.kinds().map(|kind| kind.link.resource_blocks * kind.uav.uavs()).sum();
         let mut beyond_buffers_bits = 0;

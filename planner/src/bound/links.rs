@@ -10,8 +10,7 @@ use skysink_common::random::Streams;
 use skysink_common::scenario::{Scenario, UavKeys};
 use skysink_common::sensors::Sensors;
 
-/// Relative margin on rates and altitudes, so that rounding does not put a bound below a flown link.
-const ROUNDING: f64 = 1e-9;
+use super::margins::RELATIVE_MARGIN;
 
 /// Most draws that are evaluated; with more, the best draw is assumed.
 const MOST_DRAWS: u64 = 20_000_000;
@@ -81,13 +80,13 @@ impl BestLinks {
             }
         };
         let best_bps = self.descents.iter().map(rate_bps).fold(0.0, f64::max);
-        self.channel.capacity_bits(best_bps * (1.0 + ROUNDING))
+        self.channel.capacity_bits(best_bps * (1.0 + RELATIVE_MARGIN))
     }
 
     /// By slot: upper bound on the expected bits, before the draw, that any link carries of a queue of `queue_bits`.
     pub fn expected_bits(&self, queue_bits: u64) -> impl FnMut(u64) -> f64 {
         let carried_bits =
-            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
+            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + RELATIVE_MARGIN)).min(queue_bits) as f64;
         let highest_gain = self.sensors.iter().map(|(_, gain, _)| *gain).fold(0.0, f64::max);
         // In most slots the lowest altitude is that of the slot before.
         let mut last: Vec<Option<(Uplink, f64)>> = vec![None; self.descents.len()];
@@ -106,7 +105,7 @@ impl BestLinks {
     /// The uplink from straight above at the lowest altitude that a UAV can reach by the end of `slot`.
     fn above(&self, descent: &Descent, slot: u64, gain: f64) -> Uplink {
         let reached_m = descent.start_m - descent.slot_m * slot as f64;
-        self.channel.uplink_at(gain, 0.0, reached_m.max(descent.lowest_m) * (1.0 - ROUNDING))
+        self.channel.uplink_at(gain, 0.0, reached_m.max(descent.lowest_m) * (1.0 - RELATIVE_MARGIN))
     }
 }
 

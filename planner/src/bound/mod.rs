@@ -12,6 +12,7 @@
 pub mod collect;
 pub mod field_bits;
 pub mod links;
+mod margins;
 pub mod paths;
 pub mod throughput;
 pub mod visits;

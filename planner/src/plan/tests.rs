@@ -425,7 +425,7 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
         true,
         &Stop::default(),
     );
-    let channel = model.table.channel;
+    let channel = &model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
     let los = channel.line_of_sight().unwrap();

@@ -179,7 +179,8 @@ impl Episode {
 
     /// The action that ends the slot closest to `waypoint`.
     fn write_action(&self, waypoint: &Point3<f64>, into: &mut [f32]) {
-        let (limits, uav) = (self.field.limits, self.flight().position());
+        let limits = self.field.limits;
+        let uav = self.flight().position();
         let height_m = limits.max_altitude_m - limits.min_altitude_m;
         let action = match self.control() {
             Control::Displacement => {

@@ -78,7 +78,8 @@ impl Rogue {
         let queues = ring.belief.as_ref().unwrap_or(&ring.queues).reader().unwrap();
         let flights = ring.flight.reader().unwrap();
         let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
-        let (sensors, limits) = (nodes.payload().to_vec(), nodes.user_header().limits);
+        let sensors = nodes.payload().to_vec();
+        let limits = nodes.user_header().limits;
         let planner = Planner::new(&scenario, &sensors).unwrap();
         Self { scenario, folder, ring, sensors, limits, planner, wait, plans, queues, flights, next: 0 }
     }

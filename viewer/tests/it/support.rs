@@ -214,7 +214,8 @@ impl Found {
 
 fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &re_sdk::log::Chunk) {
     let times = |timeline: &str| chunk.timelines().get(&TimelineName::try_new(timeline).unwrap());
-    let (slots, times_ns) = (times("slot"), times("sim_time"));
+    let slots = times("slot");
+    let times_ns = times("sim_time");
     for component in chunk.components_identifiers() {
         let values = chunk.components().get_array(component).unwrap();
         for row in (0..chunk.num_rows()).filter(|&row| values.is_valid(row)) {

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::sampled_bits;
 use skysink_common::belief::Believed;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 
 use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
@@ -172,7 +173,7 @@ impl<'a> Rehearsal<'a> {
                 break;
             }
             let is_last = slot as f64 == slots;
-            let at = if is_last { end } else { from + (end - from) * (slot as f64 / slots) };
+            let at = if is_last { end } else { interpolate(from, end, slot as f64 / slots) };
             self.fly_to(serving, &at, &if is_last { stop.ids() } else { Vec::new() });
         }
     }
