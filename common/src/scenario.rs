@@ -213,20 +213,7 @@ impl Scenario {
             });
         }
         let track = track::read_file(&mut scenario, overrides.track)?;
-        let middle_m = scenario.middle_m();
-        scenario.change_each(|uav, _| {
-            let first_m = uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
-            uav.start_m.get_or_insert(first_m.unwrap_or(middle_m));
-        });
-        let start_m = scenario.uav.start_m;
-        scenario.fleet.iter_mut().for_each(|fleet| Arc::make_mut(fleet).start_at(middle_m));
-        let has_battery = scenario.uav_kinds().any(|uav| uav.battery.is_some());
-        if has_battery || scenario.must_land() {
-            scenario.base.get_or_insert_default();
-        }
-        if let Some(base) = scenario.base.as_mut().filter(|base| base.areas_m.is_none() && base.site.is_none()) {
-            base.position_m = base.position_m.or(start_m);
-        }
+        scenario.settle();
         match &kinds[..] {
             [] => rules::check(&scenario, &table)?,
             kinds => {
@@ -237,5 +224,23 @@ impl Scenario {
         }
         track::check(&scenario, track.as_ref())?;
         Ok(scenario)
+    }
+
+    /// Fills in where UAVs start, and the base, by default.
+    fn settle(&mut self) {
+        let middle_m = self.middle_m();
+        self.change_each(|uav, _| {
+            let first_m = uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
+            uav.start_m.get_or_insert(first_m.unwrap_or(middle_m));
+        });
+        self.fleet.iter_mut().for_each(|fleet| Arc::make_mut(fleet).start_at(middle_m));
+        let has_battery = self.uav_kinds().any(|uav| uav.battery.is_some());
+        if has_battery || self.must_land() {
+            self.base.get_or_insert_default();
+        }
+        let start_m = self.uav.start_m;
+        if let Some(base) = self.base.as_mut().filter(|base| base.areas_m.is_none() && base.site.is_none()) {
+            base.position_m = base.position_m.or(start_m);
+        }
     }
 }

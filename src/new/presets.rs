@@ -80,7 +80,8 @@ pub struct Hardware {
     #[arg(long, value_name = "DRONE", value_parser = PossibleValuesParser::new(drones::NAMES))]
     drone: Vec<String>,
     /// UAVs of each drone, in their order: one number for all, or one for each, such as 2,1.
-    #[arg(long, value_name = "N,...", requires = "drone", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=64))]
+    #[arg(long, value_name = "N,...", requires = "drone", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=64))]
     count: Vec<u32>,
 }
 

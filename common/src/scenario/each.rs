@@ -237,8 +237,8 @@ fn of_list<T: serde::de::DeserializeOwned>(key: &str, value: Value, source: Sour
 /// assert_eq!((last.start().z, last.reach_m(), last.link.resource_blocks), (60.0, 5.0, 1));
 /// ```
 impl Scenario {
-    /// The mission once for each kind of its UAVs, of those alone: a fleet of equal UAVs, in the order of their numbers.
-    /// It is the scenario itself if all are equal.
+    /// The mission once for each kind of its UAVs, of those alone: fleets of equal UAVs, in the order of their numbers.
+    /// The scenario itself if all are equal.
     pub fn kinds(&self) -> impl Iterator<Item = Cow<'_, Self>> {
         let count = self.fleet.as_ref().map_or(1, |fleet| fleet.kinds.len());
         (0..count)

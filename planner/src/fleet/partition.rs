@@ -9,8 +9,8 @@ use skysink_common::stop::Stop;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 
-/// The SNs of each UAV, ascending: consecutive pieces of the tour, each as long as its UAV flies in its `slots`. SNs that
-/// cannot be served are in no piece.
+/// The SNs of each UAV, ascending: consecutive pieces of the tour, each as long as its UAV flies in its `slots`. SNs
+/// that cannot be served are in no piece.
 #[must_use]
 pub fn pieces(scenario: &Scenario, sensors: &[SensorNode], slots: &[u64], stop: &Stop) -> Vec<Vec<u32>> {
     let tables: Vec<MissionTable> = scenario.kinds().map(|kind| MissionTable::of(&kind, sensors)).collect();
