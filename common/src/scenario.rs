@@ -6,10 +6,14 @@
 
 mod area;
 mod base;
+pub mod battery;
 mod each;
+pub mod limits;
+pub mod loss_rate;
 mod mission;
 mod motion;
 mod preset_rates;
+pub mod propulsion;
 mod rules;
 mod simplified;
 mod sites;

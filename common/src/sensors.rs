@@ -6,6 +6,7 @@
 //! | [`grid`] | points by cell, for range queries |
 
 pub mod grid;
+pub mod link_places;
 pub mod list;
 mod rows;
 
@@ -39,8 +40,7 @@ pub struct Sensors {
     pub sampling: Sampling,
     /// Weights of their bits, `w_i` (decision D25).
     pub weights: Weights,
-    /// Whether they may not answer (decision D33): queues are told with [`DEAD`](crate::nodes::DEAD) and
-    /// [`SILENT`](crate::nodes::SILENT).
+    /// Whether they may not answer (decision D33): their [answers](crate::nodes::Answer) are told beside their queues.
     pub may_refuse: bool,
 }
 

@@ -9,6 +9,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 
 use crate::flight::Flight;
+use crate::orders::Orders;
 
 /// The UAVs of a mission over their field.
 #[derive(Debug, Clone)]
@@ -182,18 +183,18 @@ impl Fleet {
         links
     }
 
-    /// Repeats `slot` as another flight-sim has reported it ([`Flight::repeat`]).
-    pub fn repeat<'a>(
-        &mut self,
-        slot: u64,
-        report_of: impl Fn(usize) -> Option<&'a Plan>,
-        reports: &mut [FlightReport],
-    ) {
-        for (number, (uav, report)) in self.uavs.iter_mut().zip(reports).enumerate() {
-            *report = match report_of(number) {
-                Some(flown) => uav.repeat(slot, flown),
-                None => uav.step(slot, None),
-            };
+    /// Flies `slot` by `orders`: plans as [`Self::step`] does, or reported flights again ([`Flight::repeat`]).
+    ///
+    /// # Panics
+    /// If there is not one order for each UAV.
+    pub fn fly(&mut self, slot: u64, orders: &Orders, reports: &mut [FlightReport]) {
+        let reported = match orders {
+            Orders::Plans(plans) => return self.step(slot, |uav| plans[uav].as_ref(), reports),
+            Orders::Reports(reported) => reported,
+        };
+        assert_eq!(reported.len(), self.uavs.len(), "expected a flight of each UAV");
+        for (uav, (reported, report)) in self.uavs.iter_mut().zip(reported.iter().zip(reports)) {
+            *report = uav.repeat(slot, reported);
             report.time_s = slot as f64 * self.slot_s;
             uav.share_time(report);
         }
@@ -231,6 +232,7 @@ fn leave_to(lower: &[FlightReport], report: &mut FlightReport) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::orders::ReportedFlight;
     use proptest::prelude::*;
     use skysink_common::channel::carried_bits;
     use skysink_common::checkpoint::Checkpoint as _;
@@ -271,9 +273,16 @@ mod tests {
     #[test]
     fn a_repeated_slot_has_the_time_of_the_slot() {
         let mut fleet = fleet("");
-        let plan = Plan::fly_to([55.0, 50.0, 20.0], Mode::Fly);
+        let flown = ReportedFlight {
+            position: [55.0, 50.0, 20.0].into(),
+            mode: Mode::Fly,
+            served: Vec::new(),
+            refused: 0,
+            energy_j: f64::INFINITY,
+        };
         let mut reports = fleet.start();
-        fleet.repeat(3, |_| Some(&plan), &mut reports);
+        let orders = Orders::Reports(reports.iter().map(|_| flown.clone()).collect());
+        fleet.fly(3, &orders, &mut reports);
         assert!(reports.iter().all(|report| report.time_s == 6.0 && report.x_m == 55.0), "{reports:?}");
     }
 

@@ -21,7 +21,7 @@ pub struct Vehicle {
     /// Energy in the battery [J]; infinite without one.
     pub energy_j: f64,
     /// Slots that a swap of the battery has taken so far; 0 outside of one.
-    pub(crate) swapped_slots: u64,
+    pub(crate) swapped_slots: u32,
     battery: Battery,
     base: Option<Base>,
     airspace: Arc<Airspace>,
@@ -78,9 +78,9 @@ impl Vehicle {
         let charger = self.base.as_ref().and_then(|base| base.charger_at(&self.position.xy()));
         let battery = charger.map_or(self.battery, |charger| self.battery.at(charger));
         let is_swapping = battery.is_swapped() && self.energy_j < battery.capacity_j;
-        self.swapped_slots = if is_swapping { self.swapped_slots + 1 } else { 0 };
+        self.swapped_slots = if is_swapping { self.swapped_slots.saturating_add(1) } else { 0 };
         self.energy_j = match is_swapping {
-            true => battery.charged_for_j(self.energy_j, self.swapped_slots as f64),
+            true => battery.charged_for_j(self.energy_j, self.swapped_slots.into()),
             false => battery.charged_j(self.energy_j),
         };
         true

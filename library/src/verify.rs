@@ -9,7 +9,7 @@ use skysink_common::error::{InputError, read_bytes};
 use skysink_common::message::{FlightReport, Mode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{Plans, SlotRecord};
 use skysink_common::stop::Stop;
 use skysink_mission::bounds::{MissionBounds, bounds};
 use skysink_mission::drive::{Observer, Planned, drive};
@@ -300,7 +300,7 @@ fn fly(
     let list = SensorList::of(&scenario)?;
     let mut plant = Plant::new(&scenario, &list);
     let mut meter = MissionMeter::new(&scenario, &list);
-    let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect()));
+    let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect::<Plans>()));
     let blocks: Vec<usize> = scenario.by_uav(|own| own.link.resource_blocks).collect();
     let sensors = list.sensors().len();
     let mut same = SameFlight { moves: flight, path, blocks, sensors };

@@ -3,10 +3,9 @@
 use std::fmt::Write as _;
 
 use nalgebra::Point3;
-use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader, SolverOutcome};
+use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
 use skysink_common::slot_record::{ByUav, SlotRecord, UavSlot};
-#[cfg(doc)]
-use skysink_flight_sim::Flight;
+use skysink_flight_sim::ReportedFlight;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use crate::drive::SlotSink;
@@ -194,20 +193,13 @@ impl RecordedSlot {
             // The refused waypoint.
             Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
             Mode::Down if self.refused > 0 => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
-            _ => self.flown(),
+            _ => self.report().plan(),
         }
     }
 
-    /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it, with the energy that was reported.
-    pub fn report(&self) -> Plan {
-        Plan { expected_bits: self.energy_j.to_bits(), ..self.flown() }
-    }
-
-    fn flown(&self) -> Plan {
-        let solver = SolverOutcome::Recorded as u32;
-        let mut plan = Plan { solver, ..Plan::fly_to(self.position, self.mode) };
-        plan.schedule(&self.scheduled[..self.scheduled.len().min(plan.ids.len())]);
-        plan.served = plan.served.saturating_add(self.refused); // the ids after the schedule are `NOBODY`
-        plan
+    /// The recorded flight as it was reported.
+    pub fn report(&self) -> ReportedFlight {
+        let Self { position, mode, refused, energy_j, .. } = *self;
+        ReportedFlight { position, mode, served: self.scheduled.clone(), refused, energy_j }
     }
 }

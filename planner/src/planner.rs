@@ -14,10 +14,12 @@ use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::geometry::above;
 use skysink_common::message::{FlightReport, HeardLink, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::nodes::Answer;
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
+use skysink_common::told::Told;
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
@@ -50,8 +52,16 @@ pub struct Planner {
     links: Option<Vec<HeardLink>>,
     /// The waypoints of the last plan.
     path: Vec<Point3<f64>>,
-    /// The queues without those that other UAVs have scheduled [bit]; working memory.
+    room: Room,
+}
+
+/// Working memory of what is believed.
+#[derive(Default)]
+struct Room {
+    /// The queues without those that other UAVs have scheduled [bit].
     left_bits: Vec<u32>,
+    /// What is known of the answers.
+    answers: Vec<Answer>,
 }
 
 /// Time between the visits of an SN that another UAV is expected to serve, as a fraction of that in which its buffer
@@ -131,16 +141,16 @@ impl Planner {
             slot: 0,
             links: scenario.link.beacon_radius_m.map(|_| Vec::new()),
             path: Vec::with_capacity(MAX_PATH_POINTS),
-            left_bits: Vec::new(),
+            room: Room::default(),
             table,
         })
     }
 
-    /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the
-    /// next is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes
-    /// the estimate older.
-    pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
-        self.observe_with(slot, flight, std::slice::from_ref(flight), queues_bits);
+    /// Observes the flight of `slot`, and what is told after it. Must be called for every slot before the next is
+    /// planned. If the queues are estimated, only what is told of served SNs is read, and a skipped slot only makes the
+    /// estimate older.
+    pub fn observe<'t>(&mut self, slot: u64, flight: &FlightReport, told: impl Into<Told<'t>>) {
+        self.observe_with(slot, flight, std::slice::from_ref(flight), told.into());
     }
 
     /// Takes in the links that this UAV hears at the end of a slot. Must be called for every slot before it is
@@ -152,21 +162,15 @@ impl Planner {
     }
 
     /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
-    pub(crate) fn observe_with(
-        &mut self,
-        slot: u64,
-        flight: &FlightReport,
-        flights: &[FlightReport],
-        queues_bits: &[u32],
-    ) {
-        self.belief.advance(slot, flights, &self.reported, queues_bits);
-        self.battery = BatteryState::after(flight);
+    pub(crate) fn observe_with(&mut self, slot: u64, flight: &FlightReport, flights: &[FlightReport], told: Told<'_>) {
+        self.belief.advance(slot, flights, &self.reported, told);
+        self.battery = BatteryState::from(flight);
         self.strategy.observe(slot, flights, &self.belief);
     }
 
-    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues
-    /// are estimated, the plan is based on the estimate, and `queues_bits` is read only for the scheduled SNs, which
-    /// report them on contact.
+    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and what is `told` before it: the queues `B_i(t−1)`
+    /// [bit], and the answers of SNs that may refuse. If the queues are estimated, the plan is based on the estimate,
+    /// and queues are read only of the scheduled SNs, which report them on contact.
     ///
     /// Takes time by the number of SNs near the UAV. Transit, an estimate, and the strategies `edf`, `mes`, `whittle`,
     /// `max-age-first`, `horizon` and `offline` read all queues. `plan_ns` stays 0; the caller measures. A clock is
@@ -175,8 +179,8 @@ impl Planner {
     /// # Panics
     /// If there is not one queue per sensor node.
     #[must_use]
-    pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        self.plan(slot, position, queues_bits, Duty::Mission, None)
+    pub fn step<'t>(&mut self, slot: u64, position: Point3<f64>, told: impl Into<Told<'t>>) -> Plan {
+        self.plan(slot, position, told.into(), Duty::Mission, None)
     }
 
     /// The plan of a UAV with this duty beside other UAVs: the SNs that they have scheduled in this slot count as
@@ -185,16 +189,15 @@ impl Planner {
         &mut self,
         slot: u64,
         position: Point3<f64>,
-        queues_bits: &[u32],
+        told: Told<'_>,
         duty: Duty,
         neighbours: Option<&Neighbours<'_>>,
     ) -> Plan {
         let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
-        assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
-        let Self { strategy, rules, table, stop, left_bits, links, .. } = self;
+        assert_eq!(told.queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
+        let Self { strategy, rules, table, stop, room, links, .. } = self;
         let links = links.as_deref();
-        table.exclude(&self.belief, queues_bits);
-        let belief = believed(&mut self.belief, slot, table, queues_bits, scheduled, left_bits);
+        let belief = believed(&mut self.belief, slot, table, told, scheduled, room);
         let battery = self.battery;
         let timing = self.timing;
         let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
@@ -217,7 +220,7 @@ impl Planner {
             }
             _ => {}
         }
-        self.await_reports(slot, plan.scheduled(), queues_bits);
+        self.await_reports(slot, plan.scheduled(), told);
         self.slot = slot;
         plan
     }
@@ -228,14 +231,13 @@ impl Planner {
         &mut self,
         slot: u64,
         position: Point3<f64>,
-        queues_bits: &[u32],
+        told: Told<'_>,
         neighbours: &Neighbours<'_>,
         into: &mut Vec<PlannedVisit>,
     ) {
-        let Self { strategy, belief, table, stop, left_bits, links, .. } = self;
+        let Self { strategy, belief, table, stop, room, links, .. } = self;
         let links = links.as_deref();
-        table.exclude(belief, queues_bits);
-        let belief = believed(belief, slot, table, queues_bits, &[], left_bits);
+        let belief = believed(belief, slot, table, told, &[], room);
         let battery = self.battery;
         let timing = self.timing;
         let neighbours = Some(neighbours);
@@ -251,9 +253,9 @@ impl Planner {
         slots.map(move |slot| PlannedVisit { slot, sensor: id, bits: f64::INFINITY })
     }
 
-    /// Notes the SNs that report their queues in `slot` if they are served, and their queues before it [bit], by id.
-    pub(crate) fn await_reports(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
-        self.reported = self.belief.reported(slot, scheduled.iter().copied(), queues_bits);
+    /// Notes the SNs that report their queues in `slot` if they are served, and what is `told` before it.
+    pub(crate) fn await_reports(&mut self, slot: u64, scheduled: &[u32], told: Told<'_>) {
+        self.reported = self.belief.reported(slot, scheduled.iter().copied(), told);
     }
 
     /// The last slot planned by this planner or its restored predecessor; 0 before the first.
@@ -306,23 +308,27 @@ impl Checkpoint for Planner {
     }
 }
 
-/// What is believed before `slot`, if the known queues are `queues_bits` [bit], by id. Those of the SNs that other UAVs
-/// have scheduled, and of dead or silent ones, are empty in `left_bits`.
+/// What is believed before `slot`, in which SNs are as they are `told`. The queues of those that other UAVs have
+/// scheduled, and of those that are known to be dead or silent, are empty.
 fn believed<'a>(
     belief: &'a mut Belief,
     slot: u64,
     table: &'a MissionTable,
-    queues_bits: &'a [u32],
+    told: Told<'a>,
     scheduled: &[u32],
-    left_bits: &'a mut Vec<u32>,
+    room: &'a mut Room,
 ) -> Believed<'a> {
-    let mut believed = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
-    if !scheduled.is_empty() || table.sensors.may_refuse {
+    belief.predict(slot.saturating_sub(1));
+    let belief = &*belief;
+    let Room { left_bits, answers } = room;
+    let answers = belief.answers(told.answers, answers);
+    let known = Told::new(told.queues_bits, answers);
+    let mut believed = belief.predicted(slot.saturating_sub(1), &table.sensors, known);
+    if !scheduled.is_empty() || !answers.is_empty() {
         left_bits.clear();
         left_bits.extend_from_slice(believed.queues_bits);
-        if table.sensors.may_refuse {
-            (0..).zip(&mut *left_bits).filter(|(id, _)| table.is_out(*id)).for_each(|(_, bits)| *bits = 0);
-        }
+        let refusing = left_bits.iter_mut().zip(answers).filter(|(_, answer)| !answer.sends());
+        refusing.for_each(|(bits, _)| *bits = 0);
         scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
         believed.queues_bits = left_bits;
     }

@@ -13,8 +13,10 @@ use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{FlightReport, HeardLink, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
+use skysink_common::told::Told;
 
 use crate::keys::Settings;
 use crate::mission_table::MissionTable;
@@ -209,13 +211,45 @@ impl<'a> View<'a> {
         self.fixed_end().map_or_else(|| self.table.clamp_to_area(ground), |end| end.xy())
     }
 
-    /// The value of the queue of SN `id` ([`MissionTable::value`]).
+    /// What SN `id` is known to do when it is served in the slot.
+    #[inline]
+    pub fn answer(&self, id: u32) -> Answer {
+        self.belief.answer(id)
+    }
+
+    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without
+    /// airtime.
+    #[inline]
+    pub fn is_servable(&self, id: u32) -> bool {
+        self.table.is_reachable(id) && self.answer(id).sends()
+    }
+
+    /// The SNs that can be served, by id.
+    pub fn servable(&self) -> impl Iterator<Item = u32> {
+        self.table.sensors.ids().filter(|&id| self.is_servable(id))
+    }
+
+    /// Whether any SN cannot be served.
+    #[inline]
+    pub fn has_hidden(&self) -> bool {
+        self.table.has_hidden() || self.belief.answers.iter().any(|answer| !answer.sends())
+    }
+
+    /// The value of the queue of SN `id` ([`MissionTable::value`]); 0 if it cannot be served.
     ///
     /// # Panics
     /// If the SN is unknown.
     #[inline]
     pub fn value(&self, id: u32) -> u32 {
-        self.table.value(id, self.belief.queues_bits[id as usize])
+        if self.answer(id).sends() { self.table.value(id, self.belief.queues_bits[id as usize]) } else { 0 }
+    }
+
+    /// The `values` of the queues, such as [`Self::values`], with what is known of the answers.
+    pub(crate) fn told<'b>(&self, values: &'b [u32]) -> Told<'b>
+    where
+        'a: 'b,
+    {
+        Told::new(values, self.belief.answers)
     }
 
     /// The values of all queues, by id; `room` is memory for them.
@@ -224,7 +258,7 @@ impl<'a> View<'a> {
     where
         'a: 'b,
     {
-        if self.table.has_hidden() {
+        if self.has_hidden() {
             room.clear();
             room.extend(self.table.sensors.ids().map(|id| self.value(id)));
             return room;

@@ -289,7 +289,7 @@ impl Episode {
         View {
             slot: self.plant.slot() + 1,
             position: flight.position(),
-            battery: BatteryState::after(flight),
+            battery: BatteryState::from(flight),
             belief: believed(&self.plant, &self.field),
             table: &self.field,
             timing: Timing::Free,

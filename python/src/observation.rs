@@ -94,9 +94,10 @@ fn uav(episode: &Episode, numbers: &mut [f32]) {
     numbers.iter_mut().zip(fractions).for_each(|(number, fraction)| *number = fraction.clamp(0.0, 1.0) as f32);
 }
 
-/// The queues, true or estimated, as fractions of the buffers.
+/// The queues, true or estimated, as fractions of the buffers; 0 of sensor nodes that are known to be dead or silent.
 fn queues(episode: &Episode, numbers: &mut [f32]) {
-    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits()).zip(&episode.field.buffers_bits);
+    let servable_bits = episode.plant.field().servable_bits();
+    let pairs = numbers.iter_mut().zip(&*servable_bits).zip(&episode.field.buffers_bits);
     pairs.for_each(|((number, &bits), buffer_bits)| *number = bits as f32 / buffer_bits);
 }
 
@@ -112,7 +113,9 @@ fn positions(episode: &Episode, numbers: &mut [f32]) {
 
 /// The mean of the queue of sensor node `id` as a fraction of its buffer.
 fn belief(episode: &Episode, id: u32) -> f64 {
-    of_buffer(episode, id, episode.plant.field().believed_bits()[id as usize].into())
+    let field = episode.plant.field();
+    let is_known_out = !field.known_answer(id).sends();
+    of_buffer(episode, id, if is_known_out { 0.0 } else { field.believed_bits()[id as usize].into() })
 }
 
 /// The standard deviation of the same.
@@ -397,6 +400,6 @@ impl Episode {
     pub fn reaches(&self, id: u32) -> bool {
         let uav = self.flight().position().xy();
         let is_near = within(self.field.sensors.position(id), &uav, self.field.limits.reach_m);
-        is_near && !self.plant.field().is_out(id)
+        is_near && self.plant.field().known_answer(id).sends()
     }
 }

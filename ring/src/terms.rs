@@ -29,6 +29,8 @@ pub struct Terms {
     pub belief: Option<Rates>,
     /// Within what distance UAVs hear sensor nodes [m], if the run has the topic `links`.
     pub beacon_radius_m: Option<f64>,
+    /// Whether sensor nodes may be dead or silent: the run has the topic `answers`.
+    pub may_refuse: bool,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,
 }
@@ -55,6 +57,7 @@ impl Default for Terms {
             viewer: false,
             belief: None,
             beacon_radius_m: None,
+            may_refuse: false,
             link: None,
         }
     }
@@ -69,6 +72,11 @@ impl Terms {
     /// Whether the run has the topic `links`.
     pub fn has_beacons(&self) -> bool {
         self.beacon_radius_m.is_some()
+    }
+
+    /// Whether the run has the topic `answers`.
+    pub fn may_refuse(&self) -> bool {
+        self.may_refuse
     }
 
     /// Whether the run has the topic `rates`.

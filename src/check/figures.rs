@@ -153,7 +153,7 @@ impl Figures {
         let table = bounding_table(scenario, Arc::clone(&sensors));
         let others: Vec<MissionTable> =
             scenario.kinds().skip(1).map(|kind| MissionTable::new(&kind, Arc::clone(&sensors))).collect();
-        let is_servable = |id: u32| table.is_servable(id) || others.iter().any(|other| other.is_servable(id));
+        let is_reachable = |id: u32| table.is_reachable(id) || others.iter().any(|other| other.is_reachable(id));
         let field = FieldBits::new(scenario, &sensors, &list.queues_bits());
         let reach_m = scenario.reach_m();
         let comm_radius_m = scenario.link.comm_radius_m;
@@ -186,9 +186,9 @@ impl Figures {
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(field.blocks, &sensors, &above),
             outside: scenario.area.border().and_then(|border| outside(&border, &table.sensors.positions)),
-            hidden: (!table.airspace.is_open()).then(|| sensors.ids().filter(|&id| !is_servable(id)).count()),
+            hidden: (!table.airspace.is_open()).then(|| sensors.ids().filter(|&id| !is_reachable(id)).count()),
             hidden_nodes: {
-                let hidden = sensors.ids().filter(|&id| !is_servable(id));
+                let hidden = sensors.ids().filter(|&id| !is_reachable(id));
                 hidden.take(MOST_NAMED).map(|id| list.label(id as usize)).collect()
             },
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > Some(scenario.slots)).count(),

@@ -26,7 +26,7 @@ use skysink_mission::recorded::Recorded;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::tally::Tally;
 use skysink_mission::trace::RecordedSlot;
-use skysink_mission::{MissionError, Plant, drive};
+use skysink_mission::{MissionError, Orders, Plant, drive};
 use skysink_planner::FleetPlanner;
 use skysink_planner::node::journal;
 use skysink_planner::plan::keys::HorizonKeys;
@@ -71,7 +71,7 @@ pub fn resume(
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let belief = Belief::of(scenario, list, estimated_rates(scenario, folder.run_mode())?);
     let are_reports = folder.run_mode().has_reported_flights();
-    let mut plant = Plant::new(scenario, list).with_belief(belief).repeating_reports(are_reports);
+    let mut plant = Plant::new(scenario, list).with_belief(belief);
     let is_ours = folder.run_mode().external_planner.is_none();
     // An external planner finds what it believed of the queues; what its strategy has kept is lost.
     let planner = match is_ours {
@@ -115,22 +115,22 @@ struct Repeating {
 }
 
 impl Pilot for Repeating {
-    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+    fn orders(&mut self, plant: &Plant) -> Result<Orders, Ended> {
         let recorded = self.trace.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
         let is_planned = self.is_repeatable || self.is_continued;
-        let planned = match is_planned {
-            true => self.planner.plans(plant)?,
+        let planned: Plans = match is_planned {
+            true => self.planner.orders(plant)?.plans(),
             false => recorded.iter().map(|_| None).collect(),
         };
         if !self.is_ours && is_planned {
             let plans: Vec<Plan> = recorded.iter().map(RecordedSlot::plan).collect();
-            self.planner.follow(plant.slot() + 1, &plans, &plant.field().told_bits());
+            self.planner.follow(&plant.sensed(&[]), &plans);
         }
         if recorded.iter().any(RecordedSlot::is_missed) {
             self.is_repeatable &= !self.planner.has_state();
         }
         if self.are_reports {
-            return Ok(recorded.iter().map(|slot| Some(slot.report())).collect());
+            return Ok(Orders::Reports(recorded.iter().map(RecordedSlot::report).collect()));
         }
         let is_repeatable = self.is_repeatable;
         let plan = |((recorded, planned), flown): ((&RecordedSlot, Option<Plan>), &FlightReport)| {
@@ -139,7 +139,7 @@ impl Pilot for Repeating {
             let plan = planned.filter(|_| is_repeatable && !is_down).unwrap_or_else(|| recorded.plan());
             (!recorded.is_missed()).then_some(plan)
         };
-        Ok(recorded.iter().zip(planned).zip(plant.flights()).map(plan).collect())
+        Ok(Orders::Plans(recorded.iter().zip(planned).zip(plant.flights()).map(plan).collect()))
     }
 }
 

@@ -51,6 +51,7 @@ pub fn make_ring(
         viewer: !options.no_viewer,
         belief: estimated_rates(scenario, run_mode)?,
         beacon_radius_m: scenario.link.beacon_radius_m,
+        may_refuse: scenario.node_traits().may_refuse,
         link: options.link.as_ref().map(|_| link::terms(scenario)).transpose()?,
         ..Terms::default()
     })?;

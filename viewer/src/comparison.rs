@@ -129,7 +129,7 @@ impl Comparison {
         for plot in &PLOTS {
             self.canvas.append(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
         }
-        if self.recording.is_batch_due(view.queues_bits.len()) {
+        if self.recording.is_batch_due(view.told.queues_bits.len()) {
             self.recording.send_batch();
         }
         Ok(())

@@ -5,7 +5,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{AnnotationContext, LineStrips3D, Scalars};
 use re_sdk_types::components::{ClassId, Radius};
 use re_sdk_types::datatypes::AnnotationInfo;
-use skysink_common::nodes::DEAD;
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::Blueprint;
@@ -76,7 +76,8 @@ impl NodeEnergy {
 
 impl Layer for NodeEnergy {
     fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
-        let dead = || self.feet.iter().zip(view.queues_bits).filter(|(_, bits)| **bits == DEAD).map(|(foot, _)| *foot);
+        let feet = || self.feet.iter().zip(view.told.answers);
+        let dead = || feet().filter(|(_, answer)| **answer == Answer::Dead).map(|(foot, _)| *foot);
         let crosses = dead().flat_map(|foot| self.cross(foot));
         canvas.show(DEAD_MARKS, &LineStrips3D::update_fields().with_strips(crosses))?;
         canvas.append(ALIVE, &Scalars::single((self.feet.len() - dead().count()) as f64))?;

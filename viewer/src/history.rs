@@ -11,11 +11,12 @@ use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::loss_rate::LossRate;
 use skysink_common::message::{FlightReport, Totals};
-use skysink_common::nodes::{DEAD, held_bits};
+use skysink_common::nodes::Answer;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::uploads;
+use skysink_common::told::Told;
 
 use crate::zones::Raster;
 
@@ -94,19 +95,22 @@ impl SensorHistory {
         }
     }
 
-    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN
+    /// Adds a slot, after which queues and answers are as they are `told`, and the UAVs are above `uavs`. A dead SN
     /// loses what it holds and samples.
-    pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
+    pub(crate) fn add<'t>(&mut self, slot: u64, told: impl Into<Told<'t>>, uavs: impl IntoIterator<Item = Position>) {
+        let told = told.into();
+        let queues_bits = told.queues_bits;
         let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, radius_m, sums, .. } = self;
         died.clear();
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
-            let lost_bits_of = |id: usize| match sensors.may_refuse && queues_bits[id] == DEAD {
+            let is_dead = told.answer(id as u32) == Answer::Dead;
+            let lost_bits_of = |id: usize| match is_dead {
                 true => u64::from(before_bits) + sensors.sampling.bits(id, slot),
                 false => sensors.sampling.overflow_bits(id, before_bits, slot),
             };
-            if is_next && sensors.may_refuse && queues_bits[id] == DEAD && before_bits > 0 {
+            if is_next && is_dead && before_bits > 0 {
                 died.push(id as u32);
             }
             *lost_now_bits = if is_next { lost_bits_of(id) } else { 0 };
@@ -116,9 +120,8 @@ impl SensorHistory {
             *sampled_now_bits = (0..queues_bits.len()).map(|id| sensors.sampling.bits(id, slot)).collect();
         }
         sums.slot = Some(slot);
-        let held = |&bits: &u32| if sensors.may_refuse { held_bits(bits) } else { bits };
         sums.queues_bits.clear();
-        sums.queues_bits.extend(queues_bits.iter().map(held));
+        sums.queues_bits.extend_from_slice(queues_bits);
         for cell in uavs.into_iter().flat_map(|uav| in_range(*grid, *radius_m, uav)) {
             sums.in_range[cell] = slot + 1;
         }
@@ -251,16 +254,16 @@ mod tests {
     #[test]
     fn a_sensor_node_that_dies_loses_what_it_has_not_uploaded() {
         let mut history = history();
-        Arc::make_mut(&mut history.sensors).may_refuse = true;
         history.add(0, &[500, 400, 0], [MIDDLE]);
-        history.add(1, &[DEAD, 402 | 1 << 31, 0], [MIDDLE]);
+        let answers = [Answer::Dead, Answer::Silent, Answer::Queue];
+        history.add(1, Told::new(&[0, 402, 0], &answers), [MIDDLE]);
         assert_eq!((history.sums.lost_bits[0], history.sums.queues_bits[1]), (600, 402));
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Serve);
         flight.links[0] = LinkReport { capacity_bits: 450, ..LinkReport::default() };
         flight.served = 1;
         history.credit(&[flight]);
         assert_eq!(history.sums.lost_bits, [150, 0, 0]);
-        history.add(2, &[DEAD, 404, 0], [MIDDLE]);
+        history.add(2, Told::new(&[0, 404, 0], &answers), [MIDDLE]);
         history.credit(&[flight]);
         assert_eq!(history.sums.lost_bits, [250, 0, 0], "the dead upload nothing");
     }

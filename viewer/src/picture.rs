@@ -131,14 +131,14 @@ impl Picture {
     /// # Errors
     /// If the slot does not fit the sensor list, or rerun fails.
     pub(crate) fn observe(&mut self, view: &SlotView) -> Result<(), SceneError> {
-        let found = view.queues_bits.len();
+        let found = view.told.queues_bits.len();
         let expected = self.queues.count();
         if found != expected {
             return Err(SceneError::Queues { slot: view.slot, found, expected });
         }
         let belief = self.belief.iter_mut();
-        belief.for_each(|belief| belief.observe(&self.history, view.slot, view.queues_bits, view.flights));
-        self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
+        belief.for_each(|belief| belief.observe(&self.history, view.slot, view.told, view.flights));
+        self.history.add(view.slot, view.told, view.flights.iter().map(|flight| flight.position().xy()));
         self.history.credit(view.flights);
         self.uavs.iter_mut().zip(view.uavs()).for_each(|(uav, row)| uav.observe(row.flight));
         self.geo.iter_mut().for_each(|geo| geo.observe(view.flights));

@@ -6,6 +6,7 @@
 
 pub mod dotted;
 mod interval;
+pub mod presets;
 mod reader;
 mod setting;
 

@@ -38,7 +38,7 @@ pub struct NodeFile {
 /// What follows from a feature for the whole mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeTraits {
-    /// Whether SNs may not answer: queues are told with [`DEAD`](super::DEAD) and [`SILENT`](super::SILENT).
+    /// Whether SNs may not answer: their [answers](super::Answer) are told beside their queues.
     pub may_refuse: bool,
     /// Whether bits of the initial queues may be lost without an overflow: a loss rate then counts them as sampled
     /// (decisions D33 and D36).

@@ -180,6 +180,12 @@ impl MixedFleet {
         Ok(scenario)
     }
 
+    /// The tables of `[[uav.each]]`, with the keys of their presets.
+    pub fn tables(&self) -> Vec<Table> {
+        let each = self.uav.get("each").and_then(Value::as_array).into_iter().flatten();
+        each.filter_map(Value::as_table).cloned().collect()
+    }
+
     /// Takes down where UAVs start that have no start of their own [m].
     pub(super) fn start_at(&mut self, start_m: [f64; 2]) {
         dotted::insert_missing(&mut self.uav, "start_m", Value::Array(start_m.map(Value::Float).to_vec()));

@@ -17,8 +17,8 @@ use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only, Rule, Source};
+use crate::nodes::NODE_ROWS;
 use crate::nodes::keys::MAX_FIELD_BITS;
-use crate::nodes::{NODE_ROWS, SILENT};
 use crate::presets;
 use crate::slack::TIME_SLACK;
 
@@ -80,8 +80,6 @@ fn check_sensors(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> 
     }
     let node_keys = scenario.node_keys();
     NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, rule))?;
-    let is_told = !node_keys.traits().may_refuse || sensors.capacity_bits.ends()[1] < SILENT - 1;
-    rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
     rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)

@@ -261,7 +261,7 @@ fn batteries_are_those_of_the_list_or_else_of_the_scenario() {
             "x_m,y_m,capacity_j,harvest_w\n1,2,1,-1\n",
             "line 2: harvest_w = -1: expected a finite number, 0 or above",
         ),
-        (energy, "x_m,y_m,capacity_j,capacity_bits\n1,2,1,4294967295\n", "expected whole bits, 1 to 2147483646"),
+        (energy, "x_m,y_m,capacity_j,capacity_bits\n1,2,1,4294967296\n", "expected whole bits, 1 to 4294967295"),
         (
             "",
             "x_m,y_m,capacity_j\n1,2,1\n",

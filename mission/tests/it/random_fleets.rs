@@ -14,6 +14,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{Plans, SlotRecord};
 use skysink_common::stop::Stop;
+use skysink_mission::drive::plan_next;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
 use skysink_planner::{FleetPlanner, settings};
@@ -134,10 +135,7 @@ impl RandomFleet {
         let mut planner = FleetPlanner::until(&written, &list.nodes(), &Stop::default()).unwrap();
         planner.restore(&saved(&mission.planner)).unwrap();
         for record in &records[last..] {
-            let (slot, flights) = (plant.slot(), plant.flights());
-            planner.observe(slot, flights, plant.field().queues_bits());
-            let plans: Plans =
-                planner.step(slot + 1, flights, plant.field().queues_bits()).into_iter().map(Some).collect();
+            let plans: Plans = plan_next(&mut planner, &plant).into_iter().map(Some).collect();
             let again = plant.step(&plans);
             let is_same = again.flights() == record.flights() && again.header == record.header;
             assert!(is_same, "restored after slot {last}, slot {}\n{}", record.slot(), self.text);

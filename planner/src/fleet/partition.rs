@@ -43,8 +43,8 @@ pub fn pieces(scenario: &Scenario, sensors: &[SensorNode], slots: &[u64], stop: 
     let mut pieces = vec![Vec::new(); uavs];
     for (id, owner) in (0..).zip(owners) {
         // What its owner cannot serve, as behind buildings, is left to the first UAV that can.
-        let owner = owner.filter(|&uav| table(uav).is_servable(id));
-        let owner = owner.or_else(|| (0..uavs).find(|&uav| table(uav).is_servable(id)));
+        let owner = owner.filter(|&uav| table(uav).is_reachable(id));
+        let owner = owner.or_else(|| (0..uavs).find(|&uav| table(uav).is_reachable(id)));
         owner.into_iter().for_each(|uav| pieces[uav].push(id));
     }
     pieces

@@ -254,16 +254,16 @@ impl WayHome {
             flight.flown_mode() == Mode::Charge && self.base.site_at(&flight.position().xy()) == Some(number)
         };
         let wait = |(number, site): (usize, &BaseSite)| {
-            if flights.get(uav).is_some_and(|own| own.swapped_slots() > 0 && is_in(own, number)) {
+            if flights.get(uav).is_some_and(|own| own.swapped_slots > 0 && is_in(own, number)) {
                 return 0;
             }
             let there = || flights.iter().enumerate().filter(|(_, other)| is_in(other, number));
-            let swapping = there().filter(|(other, flight)| *other != uav && flight.swapped_slots() > 0);
-            let lower = there().filter(|(other, flight)| *other < uav && flight.swapped_slots() == 0);
+            let swapping = there().filter(|(other, flight)| *other != uav && flight.swapped_slots > 0);
+            let lower = there().filter(|(other, flight)| *other < uav && flight.swapped_slots == 0);
             let mut pads = vec![0; site.charger.pads as usize];
             for (_, other) in swapping.chain(lower) {
                 let stay = self.charging_slots(slot, other.energy_j, &other.position().xy());
-                let stay = stay.saturating_sub(other.swapped_slots().min(stay.saturating_sub(1)));
+                let stay = stay.saturating_sub(u64::from(other.swapped_slots).min(stay.saturating_sub(1)));
                 *pads.iter_mut().min().expect("a site has a pad") += stay;
             }
             pads.into_iter().min().unwrap_or_default()
@@ -409,9 +409,10 @@ mod tests {
     #[test]
     fn a_uav_waits_for_a_pad_as_long_as_swaps_and_lower_numbers_take() {
         let home = two_sites();
-        let stay = |x_m: f64, energy_j: f64, swapped: u64| {
-            let report = FlightReport { energy_j, ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge) };
-            report.swapping(swapped)
+        let stay = |x_m: f64, energy_j: f64, swapped_slots: u32| FlightReport {
+            energy_j,
+            swapped_slots,
+            ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge)
         };
         let flights = [
             stay(50.0, 4_000.0, 0), // 10 slots

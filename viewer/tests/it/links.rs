@@ -7,7 +7,7 @@ use crate::support::{Found, Slot, letter, sensors};
 use skysink_common::channel::LinkMap;
 use skysink_common::geometry::Position;
 use skysink_common::message::HeardLink;
-use skysink_common::nodes::{DEAD, NodeFeatures};
+use skysink_common::nodes::{Answer, NodeFeatures};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_viewer::{Scene, Sinks, SlotView, WallClock, curves, energy, heard, legend, link_map};
@@ -108,19 +108,21 @@ fn batteries_are_rings_and_dead_sensor_nodes_crosses() {
     let list = SensorList::of(&scenario).unwrap();
     let sensors = Arc::new(Sensors::of(&scenario, &list.nodes()));
     let mut ledger = list.ledger(&scenario);
-    let mut slots: Vec<(Vec<u32>, Option<NodeFeatures>)> = Vec::new();
+    let mut slots: Vec<(Vec<Answer>, Option<NodeFeatures>)> = Vec::new();
     for slot in 0..=2 {
         if slot > 0 {
             ledger.sample(slot);
             let _ = ledger.end_slot(slot, &[]);
         }
-        slots.push((ledger.told_bits().to_vec(), Some(ledger.features().clone())));
+        let mut answers = Vec::new();
+        ledger.fill_answers(&mut answers);
+        slots.push((answers, Some(ledger.features().clone())));
     }
-    assert_eq!(slots[2].0, [DEAD; 3], "1 J of 2 J in each slot");
-    slots.push((vec![DEAD; 3], None)); // a viewer in a ring that has missed slots
+    assert_eq!(slots[2].0, [Answer::Dead; 3], "1 J of 2 J in each slot");
+    slots.push((vec![Answer::Dead; 3], None)); // a viewer in a ring that has missed slots
     let found = record(&scenario, &sensors, |scene| {
-        for (slot, (queues_bits, features)) in (0..).zip(&slots) {
-            let slot = Slot { queues_bits: queues_bits.clone(), ..Slot::new(slot, 3) };
+        for (slot, (answers, features)) in (0..).zip(&slots) {
+            let slot = Slot { answers: answers.clone(), ..Slot::new(slot, 3) };
             scene.log_slot(&SlotView { features: features.as_ref(), ..slot.view() }).unwrap();
         }
     });

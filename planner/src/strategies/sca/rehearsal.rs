@@ -85,7 +85,8 @@ impl<'a> Rehearsal<'a> {
     /// What a strategy sees in the next slot.
     fn now(&self) -> View<'_> {
         let slot = self.slot();
-        let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, &self.queues_bits);
+        let told = self.view.told(&self.queues_bits);
+        let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, told);
         View { slot, position: self.position, belief, timing: Timing::Free, links: None, neighbours: None, ..self.view }
     }
 
@@ -194,7 +195,7 @@ impl<'a> Rehearsal<'a> {
     /// The SN that overflows soonest.
     pub fn most_urgent(&self) -> Option<u32> {
         let now = self.now();
-        let deadlines = now.table.servable().filter_map(|id| Some((now.belief.deadline_slots(id)?, id)));
+        let deadlines = now.servable().filter_map(|id| Some((now.belief.deadline_slots(id)?, id)));
         deadlines.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, id)| id)
     }
 

@@ -2,15 +2,19 @@
 //!
 //! How they are estimated is left to [`crate::estimate`].
 
+pub mod estimate;
+pub mod reported;
+
 use std::sync::Arc;
 
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
-use crate::nodes::{DEAD, is_out};
+use crate::nodes::Answer;
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
 use crate::sensors::{SensorList, Sensors};
+use crate::told::Told;
 
 /// The belief of a UAV, which advances by one slot after the other. Its methods panic if an SN is unknown.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,32 +58,54 @@ impl Belief {
         self.estimate().is_some()
     }
 
-    /// The queues that the SNs `ids` report if they are served in `slot`, of the queues `queues_bits` [bit] before it,
-    /// by id; nothing if they are known.
-    pub fn reported(&self, slot: u64, ids: impl IntoIterator<Item = u32>, queues_bits: &[u32]) -> ReportedQueues {
-        self.estimate().map_or_else(ReportedQueues::default, |_| ReportedQueues::at(slot, ids, queues_bits))
+    /// The queues that the SNs `ids` report if they are served in `slot`, as they are `told` before it; nothing if they
+    /// are known.
+    pub fn reported<'t>(
+        &self,
+        slot: u64,
+        ids: impl IntoIterator<Item = u32>,
+        told: impl Into<Told<'t>>,
+    ) -> ReportedQueues {
+        self.estimate().map_or_else(ReportedQueues::default, |_| ReportedQueues::at(slot, ids, told))
     }
 
-    /// Advances by `slot`: its flights, the queues [`Self::reported`] `before` it by at least the served SNs, and the
-    /// queues `after` it [bit], by id, of which only those of the served SNs are read.
+    /// Advances by `slot`: its flights, the queues [`Self::reported`] `before` it by at least the served SNs, and what
+    /// is told `after` it, of which only queues and answers of the served SNs are read.
     ///
     /// A slot that was taken in already, or before a later one, is ignored. Slots may be skipped; an estimate is then
     /// older.
-    pub fn advance(&mut self, slot: u64, flights: &[FlightReport], before: &ReportedQueues, after: &[u32]) {
+    pub fn advance<'t>(
+        &mut self,
+        slot: u64,
+        flights: &[FlightReport],
+        before: &ReportedQueues,
+        after: impl Into<Told<'t>>,
+    ) {
         if let Self::Estimated(estimate) = self {
-            estimate.advance(slot, flights, before, after);
+            estimate.advance(slot, flights, before, after.into());
         }
     }
 
-    /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues
-    /// are known, or otherwise a contact.
-    pub fn is_dead(&self, told_bits: u32, id: u32) -> bool {
-        self.estimate().map_or(told_bits == DEAD, |estimate| estimate.is_dead(id))
+    /// What is known of an SN `id` whose answer in the next slot is `answer`: that, if queues are known. Otherwise only
+    /// a contact shows a death, but UAVs know what each SN has sent, and so its silence.
+    #[inline]
+    pub fn answer(&self, id: u32, answer: Answer) -> Answer {
+        let Some(estimate) = self.estimate() else { return answer };
+        match answer {
+            _ if estimate.is_dead(id) => Answer::Dead,
+            Answer::Dead => Answer::Queue,
+            answer => answer,
+        }
     }
 
-    /// Whether SN `id`, told as `told_bits`, is known to be dead, or without airtime: UAVs know what each has sent.
-    pub fn is_out(&self, told_bits: u32, id: u32) -> bool {
-        told_bits != DEAD && is_out(told_bits) || self.is_dead(told_bits, id)
+    /// What is known of the answers of all SNs, by id ([`Self::answer`]); `room` is memory for them.
+    pub fn answers<'a>(&self, answers: &'a [Answer], room: &'a mut Vec<Answer>) -> &'a [Answer] {
+        if !self.is_estimated() {
+            return answers;
+        }
+        room.clear();
+        room.extend((0..).zip(answers).map(|(id, &answer)| self.answer(id, answer)));
+        room
     }
 
     /// Whether the rates are learnt.
@@ -130,16 +156,17 @@ impl Belief {
         }
     }
 
-    /// What is believed at the end of `slot`, at which the queues of `sensors` are `queues_bits` [bit], by id. Takes
-    /// time as [`Self::predict`].
-    pub fn at<'a>(&'a mut self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
+    /// What is believed at the end of `slot`, at which the queues of `sensors` are those of `known`, and whose answers
+    /// are known to be its ([`Self::answers`]). Takes time as [`Self::predict`].
+    pub fn at<'a>(&'a mut self, slot: u64, sensors: &'a Sensors, known: impl Into<Told<'a>>) -> Believed<'a> {
         self.predict(slot);
-        self.predicted(slot, sensors, queues_bits)
+        self.predicted(slot, sensors, known)
     }
 
     /// What is believed at the end of `slot`, the one of the last [`Self::predict`].
-    pub fn predicted<'a>(&'a self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
-        Believed { slot, sensors, queues_bits: self.queues_bits(queues_bits), belief: self }
+    pub fn predicted<'a>(&'a self, slot: u64, sensors: &'a Sensors, known: impl Into<Told<'a>>) -> Believed<'a> {
+        let Told { queues_bits, answers } = known.into();
+        Believed { slot, sensors, queues_bits: self.queues_bits(queues_bits), answers, belief: self }
     }
 
     /// The state for a checkpoint; `None` if the queues are known.
@@ -167,15 +194,24 @@ pub struct Believed<'a> {
     sensors: &'a Sensors,
     /// The queues [bit], by id.
     pub queues_bits: &'a [u32],
+    /// What is known of the answers, by id; empty if all SNs send.
+    pub answers: &'a [Answer],
     /// The belief.
     pub belief: &'a Belief,
 }
 
 impl<'a> Believed<'a> {
-    /// The known queues `queues_bits` [bit] at the end of `slot`, by id.
+    /// The known queues [bit] at the end of `slot`, by id, and the known answers, if SNs may refuse.
     #[must_use]
-    pub fn known(slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Self {
-        Self { slot, sensors, queues_bits, belief: &Belief::Known }
+    pub fn known(slot: u64, sensors: &'a Sensors, told: impl Into<Told<'a>>) -> Self {
+        let Told { queues_bits, answers } = told.into();
+        Self { slot, sensors, queues_bits, answers, belief: &Belief::Known }
+    }
+
+    /// What SN `id` is known to do when it is served in the next slot.
+    #[inline]
+    pub fn answer(&self, id: u32) -> Answer {
+        self.answers.get(id as usize).copied().unwrap_or_default()
     }
 
     /// Bits that SN `id` samples per slot.

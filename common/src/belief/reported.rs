@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::checkpoint::CheckpointError;
 use crate::message::MAX_SERVED;
 use crate::scenario::MAX_UAVS;
+use crate::told::Told;
 
 /// The queues of some sensor nodes (SNs) at the beginning of a slot, which they report if they are served in it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -15,13 +16,21 @@ pub struct ReportedQueues {
 }
 
 impl ReportedQueues {
-    /// The queues of the SNs `ids` at the beginning of `slot`, of the queues `queues_bits` [bit], by id.
+    /// The queues of the SNs `ids` at the beginning of `slot`, as they are `told` before it. SNs that are then silent or
+    /// dead report none.
     ///
     /// # Panics
     /// If an SN is unknown.
     #[must_use]
-    pub fn at(slot: u64, ids: impl IntoIterator<Item = u32>, queues_bits: &[u32]) -> Self {
-        Self { slot, queues: ids.into_iter().map(|id| (id, queues_bits[id as usize])).collect() }
+    pub fn at<'t>(slot: u64, ids: impl IntoIterator<Item = u32>, told: impl Into<Told<'t>>) -> Self {
+        let told = told.into();
+        let sending = ids.into_iter().filter(|&id| told.answer(id).sends());
+        Self { slot, queues: sending.map(|id| (id, told.queues_bits[id as usize])).collect() }
+    }
+
+    /// Whether SN `id`, one of those that were to report at the beginning of `slot`, was silent or dead.
+    pub fn was_out(&self, slot: u64, id: u32) -> bool {
+        self.slot == slot && self.queue_bits(slot, id).is_none()
     }
 
     /// The queue of SN `id` at the beginning of `slot` [bit], if it was reported.
@@ -44,12 +53,22 @@ impl ReportedQueues {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::nodes::Answer;
 
     #[test]
     fn a_report_must_match_its_slot_and_sensor_node() {
         let reported = ReportedQueues::at(7, [2, 0], &[10, 20, 30]);
         assert_eq!([0, 1, 2].map(|id| reported.queue_bits(7, id)), [Some(10), None, Some(30)]);
         assert_eq!(reported.queue_bits(8, 2), None);
+    }
+
+    #[test]
+    fn a_sensor_node_that_does_not_send_reports_nothing() {
+        let answers = [Answer::Queue, Answer::Silent, Answer::Dead];
+        let reported = ReportedQueues::at(7, [0, 1, 2], Told::new(&[10, 20, 0], &answers));
+        assert_eq!([0, 1, 2].map(|id| reported.queue_bits(7, id)), [Some(10), None, None]);
+        assert_eq!([0, 1, 2].map(|id| reported.was_out(7, id)), [false, true, true]);
+        assert!(!reported.was_out(8, 1), "nothing is known of another slot");
     }
 
     #[test]

@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn a_key_of_an_unmodelled_feature_names_the_documentation() {
-        let page = include_str!("../../docs/src/not-modelled.md");
+        let page = include_str!("../../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
         for NotModelled { heading, instead, words } in &NOT_MODELLED {
             let see = format!("see \"{heading}\" in \"What Skysink does not model\" of the documentation");

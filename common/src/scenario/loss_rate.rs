@@ -1,6 +1,6 @@
 //! The data loss rate η: bits lost over bits sampled (decisions D3 and D24).
 
-use crate::message::Totals;
+use crate::ledger::Totals;
 use crate::scenario::Scenario;
 
 /// Of what a loss of a mission is a fraction.

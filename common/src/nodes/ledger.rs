@@ -3,7 +3,6 @@
 //! `initial + sampled = delivered + lost + queued` holds as an equality of integers, for each SN and for the field.
 //! What a slot does to the queues is left to [`crate::queues`], what a link carries to the caller.
 
-use std::borrow::Cow;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
@@ -113,7 +112,8 @@ impl Ledger {
     fn sampling_of(&self, features: &NodeFeatures) -> Sampling {
         let mut sampling = self.sampling.clone().with_buffers(self.alive_bits.clone());
         if features.may_refuse() {
-            let answers = features.answers(self.initial_bits.len());
+            let mut answers = vec![Answer::Queue; self.initial_bits.len()];
+            features.raise(&mut answers);
             for (sensor, _) in answers.iter().enumerate().filter(|(_, answer)| **answer == Answer::Dead) {
                 sampling.capacity_bits.set(sensor, answers.len(), 0);
             }
@@ -180,22 +180,13 @@ impl Ledger {
         self.queues.bits()
     }
 
-    /// Queue lengths [bit] as planners are told, by id ([`Answer::told_bits`]).
-    pub fn told_bits(&self) -> Cow<'_, [u32]> {
-        let queues_bits = self.queues_bits();
-        if !self.may_refuse() {
-            return Cow::Borrowed(queues_bits);
+    /// Replaces `answers` by what each SN does when it is served in the next slot, by id; by none if all send.
+    pub fn fill_answers(&self, answers: &mut Vec<Answer>) {
+        if self.may_refuse() {
+            answers.clear();
+            answers.resize(self.initial_bits.len(), Answer::Queue);
+            self.features.raise(answers);
         }
-        let answers = self.features.answers(queues_bits.len());
-        answers.iter().zip(queues_bits).map(|(answer, &queue_bits)| answer.told_bits(queue_bits)).collect()
-    }
-
-    /// The queue of SN `sensor` [bit] as planners are told ([`Self::told_bits`]).
-    ///
-    /// # Panics
-    /// If the SN is unknown.
-    pub fn told_bits_of(&self, sensor: usize) -> u32 {
-        self.features.answer(sensor).told_bits(self.queues_bits()[sensor])
     }
 
     /// Whether SNs may be dead or silent.

@@ -5,7 +5,6 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::base::Charger;
-use crate::message::{FlightReport, Mode};
 use crate::propulsion::{farthest_mps, power_w};
 use crate::scenario::{Propulsion, Scenario};
 
@@ -33,12 +32,6 @@ impl BatteryState {
     #[must_use]
     pub fn initial(scenario: &Scenario) -> Self {
         Self { energy_j: Battery::of(scenario).initial_j, is_charging: false }
-    }
-
-    /// After a flight.
-    #[must_use]
-    pub fn after(flight: &FlightReport) -> Self {
-        Self { energy_j: flight.energy_j, is_charging: flight.flown_mode() == Mode::Charge }
     }
 }
 

@@ -9,6 +9,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use nalgebra::Point3;
 use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
+use crate::battery::BatteryState;
 use crate::channel::MAX_RESOURCE_BLOCKS;
 pub use crate::ledger::Totals;
 pub use crate::limits::Limits;
@@ -100,6 +101,18 @@ impl Default for SensorNode {
     }
 }
 
+/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a number:
+/// 0 sends its queue, 1 is silent, and sends later, 2 is dead.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.NodeAnswer.v1"))]
+pub struct NodeAnswer {
+    /// What it does.
+    pub answer: u8,
+    /// That as the UAVs know it: where queues are estimated, only a contact shows a death.
+    pub known: u8,
+}
+
 /// Mode of the UAV in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Display, EnumString, FromRepr, IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
@@ -152,8 +165,7 @@ pub struct Plan {
     pub y_m: f64,
     /// Waypoint, up [m].
     pub z_m: f64,
-    /// Bits that the planner expects to collect in the slot; in a flight that another flight-sim has reported, and that
-    /// is repeated, the IEEE 754 bits of its energy after the slot [J].
+    /// Bits that the planner expects to collect in the slot.
     pub expected_bits: u64,
     /// Time that planning took [ns]; 0 if not measured.
     pub plan_ns: u64,
@@ -276,7 +288,7 @@ pub enum HoldReason {
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v3"))]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v4"))]
 pub struct FlightReport {
     /// Position, east [m].
     pub x_m: f64,
@@ -303,24 +315,22 @@ pub struct FlightReport {
     pub refused: u32,
     /// How many of `links` count.
     pub served: u32,
-    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of
-    /// the first counts the slots of the stay.
+    /// Slots that a swap of the battery has taken so far (decision D34); 0 outside of one.
+    pub swapped_slots: u32,
+    /// 0.
+    pub reserved: u32,
+    /// The served links, by ascending sensor node.
     pub links: [LinkReport; MAX_SERVED],
 }
 
+impl From<&FlightReport> for BatteryState {
+    /// That after the flight.
+    fn from(flight: &FlightReport) -> Self {
+        Self { energy_j: flight.energy_j, is_charging: flight.flown_mode() == Mode::Charge }
+    }
+}
+
 impl FlightReport {
-    /// Slots that a swap of the battery has taken so far (decision D34); 0 outside of one.
-    pub fn swapped_slots(&self) -> u64 {
-        if self.flown_mode() == Mode::Charge { self.links[0].capacity_bits } else { 0 }
-    }
-
-    /// This report of a UAV whose battery is swapped for `slots` slots.
-    #[must_use]
-    pub fn swapping(mut self, slots: u64) -> Self {
-        self.links[0].capacity_bits = slots;
-        self
-    }
-
     /// Whether it has waited for a pad.
     pub fn awaits_pad(&self) -> bool {
         self.hold == HoldReason::Pad as u32
@@ -439,9 +449,10 @@ mod tests {
         assert_eq!(size_of::<SensorsHeader>(), 168);
         assert_eq!(offset_of!(SensorsHeader, limits), 32);
         assert_eq!(size_of::<SensorNode>(), 48);
+        assert_eq!(size_of::<NodeAnswer>(), 2);
         assert_eq!(size_of::<Plan>(), 400);
         assert_eq!(size_of::<LinkReport>(), 40);
-        assert_eq!(size_of::<FlightReport>(), 2696);
+        assert_eq!(size_of::<FlightReport>(), 2704);
         assert_eq!(size_of::<HeardLink>(), 12);
         assert_eq!(size_of::<PathPoint>(), 32);
         assert_eq!(size_of::<Commit>(), 8);

@@ -10,11 +10,12 @@ pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
 use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
-use crate::nodes::{DEAD, held_bits, is_out};
+use crate::nodes::Answer;
 use crate::reported::ReportedQueues;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;
 use crate::slot_record::uploads;
+use crate::told::Told;
 
 use rate_posterior::{Gained, RatePosterior};
 use serde::{Deserialize, Serialize};
@@ -140,7 +141,9 @@ struct Contact {
     id: u32,
     /// Its slot; 0 before the first contact.
     slot: u64,
-    /// The queue at the end of that slot [bit], or [`DEAD`].
+    /// What it answered: its queue, or that it is dead.
+    answer: Answer,
+    /// The queue at the end of that slot [bit]; 0 of a dead SN.
     left_bits: u32,
     /// What the gaps between contacts reveal of the rate, if rates are learnt.
     learnt: Option<Learnt>,
@@ -223,7 +226,7 @@ impl SensorEstimate {
 
     /// Whether it was dead at the last contact.
     fn is_dead(&self) -> bool {
-        self.contact.left_bits == DEAD && self.capacity_bits < DEAD
+        self.contact.answer == Answer::Dead
     }
 
     /// Estimate of the queue at the end of `slot` if the buffer were unbounded [bit].
@@ -273,7 +276,8 @@ impl Estimate {
             (Rates::Learnt, ArrivalLaw::Constant) => Some(Learnt::Counted(LearntRate::default())),
             (Rates::Learnt, _) => RatePosterior::prior(prior_mean_bits, self.rate_half_fraction).map(Learnt::Random),
         };
-        Contact { id, slot: 0, left_bits: self.initial_bits.min(capacity_bits), learnt }
+        let left_bits = self.initial_bits.min(capacity_bits);
+        Contact { id, slot: 0, answer: Answer::Queue, left_bits, learnt }
     }
 
     /// Whether rates are learnt.
@@ -331,14 +335,21 @@ impl Estimate {
         &self.queues_bits
     }
 
-    /// Advances by the contacts of `slot`: its flights, the queues that the served SNs report `before` it, and the
-    /// queues `after` it [bit], by id, of which only those of the served SNs are read. A slot that was observed
-    /// already, or a later one was, is ignored.
+    /// Advances by the contacts of `slot`: its flights, the queues that the served SNs report `before` it, and what is
+    /// told `after` it, of which only queues and answers of the served SNs are read. A slot that was observed already,
+    /// or a later one was, is ignored.
     ///
     /// Slots may be skipped. The estimate is then older, and gaps that began before a skipped slot are not learnt from,
     /// because they may hold an unknown contact.
-    pub fn advance(&mut self, slot: u64, flights: &[FlightReport], before: &ReportedQueues, after: &[u32]) {
-        if slot <= self.observed || after.len() != self.sensors.len() {
+    pub fn advance<'t>(
+        &mut self,
+        slot: u64,
+        flights: &[FlightReport],
+        before: &ReportedQueues,
+        after: impl Into<Told<'t>>,
+    ) {
+        let after = after.into();
+        if slot <= self.observed || after.queues_bits.len() != self.sensors.len() {
             return;
         }
         self.predicted = None;
@@ -351,18 +362,14 @@ impl Estimate {
             let Some(SensorEstimate { contact, capacity_bits, .. }) = self.sensors.get_mut(link.sensor as usize) else {
                 continue;
             };
-            let mut left_bits = after[link.sensor as usize];
-            if self.may_refuse {
-                let was_silent = found_bits.is_some_and(|found_bits| found_bits != DEAD && is_out(found_bits));
-                if left_bits == DEAD {
-                    (contact.slot, contact.left_bits) = (slot, DEAD);
-                }
-                if was_silent || left_bits == DEAD {
-                    continue;
-                }
-                left_bits = held_bits(left_bits);
+            if after.answer(link.sensor) == Answer::Dead {
+                *contact = Contact { slot, answer: Answer::Dead, left_bits: 0, ..*contact };
+                continue;
             }
-            let left_bits = left_bits.min(*capacity_bits);
+            if self.may_refuse && before.was_out(slot, link.sensor) {
+                continue;
+            }
+            let left_bits = after.queues_bits[link.sensor as usize].min(*capacity_bits);
             if let Some(learnt) = &mut contact.learnt
                 && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))
             {
@@ -380,8 +387,7 @@ impl Estimate {
                     learnt.add(1, found_bits, held_bits, *capacity_bits, self.law);
                 }
             }
-            contact.slot = slot;
-            contact.left_bits = left_bits;
+            *contact = Contact { slot, answer: Answer::Queue, left_bits, ..*contact };
         }
     }
 }

@@ -3,13 +3,13 @@
 use std::mem::discriminant;
 
 use crate::checkpoint::CheckpointError;
-use crate::nodes::DEAD;
+use crate::nodes::Answer;
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Estimate, Learnt};
 
 /// Most bytes per SN of a checkpoint.
-pub const BYTES_PER_SENSOR: usize = 57;
+pub const BYTES_PER_SENSOR: usize = 58;
 
 /// An estimate as saved in a checkpoint.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -69,7 +69,11 @@ impl Estimate {
                     && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
             }
         });
-        let is_queue = contact.left_bits <= capacity_bits || self.may_refuse && contact.left_bits == DEAD;
+        let is_queue = match contact.answer {
+            Answer::Queue => contact.left_bits <= capacity_bits,
+            Answer::Silent => false,
+            Answer::Dead => self.may_refuse && contact.left_bits == 0,
+        };
         is_in_time && is_queue && learnt_is_possible
     }
 }
@@ -151,7 +155,8 @@ mod tests {
         for sensor in &mut estimate.sensors {
             let learnt =
                 Some(Learnt::Counted(LearntRate { bits: u64::MAX, slots: u64::MAX, least_mean_bits: f64::MAX }));
-            sensor.contact = Contact { id: u32::MAX, slot: u64::MAX, left_bits: u32::MAX, learnt };
+            let answer = Answer::Dead;
+            sensor.contact = Contact { id: u32::MAX, slot: u64::MAX, answer, left_bits: u32::MAX, learnt };
         }
         assert!(bytes_of(&estimate).len() - empty <= 5 * BYTES_PER_SENSOR);
     }
@@ -166,7 +171,7 @@ mod tests {
     #[test]
     fn an_impossible_estimate_is_refused() {
         type Spoil = fn(&mut SavedEstimate);
-        let cases: [(&str, Spoil); 8] = [
+        let cases: [(&str, Spoil); 10] = [
             ("observed after slot 41", |saved| saved.observed = 42),
             ("gapless since a slot not observed", |saved| saved.gapless_since = 41),
             ("SN 5", |saved| saved.contacted[1].id = 5),
@@ -174,6 +179,10 @@ mod tests {
             ("a contact in no slot", |saved| saved.contacted[0].slot = 0),
             ("a contact in slot 41", |saved| saved.contacted[0].slot = 41),
             ("more left than the buffer", |saved| saved.contacted[0].left_bits = 30_001),
+            ("a silent contact", |saved| saved.contacted[0].answer = Answer::Silent),
+            ("dead where none may be", |saved| {
+                saved.contacted[0] = Contact { answer: Answer::Dead, left_bits: 0, ..saved.contacted[0] }
+            }),
             ("not of these rates", |saved| {
                 saved.contacted[0].learnt = if saved.contacted[0].learnt.is_some() {
                     None

@@ -2,9 +2,10 @@
 
 use crate::geometry::Position;
 use crate::message::{
-    Commit, FlightReport, HeardLink, MAX_PATH_POINTS, MAX_SERVED, Mode, PathPoint, Plan, QueuesHeader, SensorNode,
-    SensorsHeader, SlotHeader, Tick,
+    Commit, FlightReport, HeardLink, MAX_PATH_POINTS, MAX_SERVED, Mode, NodeAnswer, PathPoint, Plan, QueuesHeader,
+    SensorNode, SensorsHeader, SlotHeader, Tick,
 };
+use crate::nodes::Answer;
 use crate::scenario::Area;
 
 /// A message of the ring, or the header of one.
@@ -32,10 +33,18 @@ impl Message for f64 {
     }
 }
 
+impl Message for NodeAnswer {
+    /// Numbers of answers.
+    fn are_possible(answers: &[Self]) -> bool {
+        let is_known = |number: u8| Answer::from_repr(number).is_some();
+        answers.iter().all(|node| is_known(node.answer) && is_known(node.known))
+    }
+}
+
 impl Message for FlightReport {
     /// Positions, velocities, covariances and links have finite numbers. The links are at most [`MAX_SERVED`], by
     /// ascending sensor node, and none if the UAV holds, charges or is down: a trace with others could not be flown
-    /// again. A position outside the area is possible, because a real vehicle may have been there.
+    /// again. A battery is swapped only while the UAV charges. A position outside the area is possible, because a real vehicle may have been there.
     fn are_possible(flights: &[Self]) -> bool {
         flights.iter().all(|flight| {
             let links = flight.served_links();
@@ -47,6 +56,7 @@ impl Message for FlightReport {
                 && !flight.energy_j.is_nan()
                 && !flight.heading_deg.is_nan()
                 && flight.served as usize <= if is_idle { 0 } else { MAX_SERVED }
+                && (flight.swapped_slots == 0 || flight.flown_mode() == Mode::Charge)
         })
     }
 }
@@ -121,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_flight_with_one_impossible_number_is_refused() {
-        let spoil: [fn(&mut FlightReport); 14] = [
+        let spoil: [fn(&mut FlightReport); 15] = [
             |flight| flight.energy_j = f64::NAN,
             |flight| flight.mode = Mode::Charge as u32,
             |flight| flight.x_m = f64::NAN,
@@ -136,11 +146,21 @@ mod tests {
             |flight| flight.served = u32::MAX,
             |flight| flight.mode = Mode::Hold as u32,
             |flight| flight.mode = 77,
+            |flight| flight.swapped_slots = 1,
         ];
         for (number, spoil) in spoil.into_iter().enumerate() {
             let mut spoilt = flight();
             spoil(&mut spoilt);
             assert!(!FlightReport::are_possible(&[flight(), spoilt]), "{number}");
+        }
+    }
+
+    #[test]
+    fn answers_are_queues_silence_or_death() {
+        let answers = [[0, 0], [1, 1], [2, 0], [2, 2]].map(|[answer, known]| NodeAnswer { answer, known });
+        assert!(NodeAnswer::are_possible(&[]) && NodeAnswer::are_possible(&answers));
+        for [answer, known] in [[7, 0], [0, 7], [3, 3], [255, 2]] {
+            assert!(!NodeAnswer::are_possible(&[answers[0], NodeAnswer { answer, known }]), "{answer} {known}");
         }
     }
 

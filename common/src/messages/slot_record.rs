@@ -35,12 +35,10 @@ pub fn beacons(flights: &[FlightReport]) -> impl Iterator<Item = Position> {
 /// Length of a report without its links [byte].
 const REPORT_BYTES: usize = offset_of!(FlightReport, links);
 
-/// The flights of a slot, with the links that count. That of a swap, which has none, is saved as if its first did.
+/// The flights of a slot, with the links that count.
 impl Checkpoint for ByUav<FlightReport> {
     fn save(&self, bytes: &mut Vec<u8>) {
         for flight in self {
-            let swapping = (flight.swapped_slots() > 0).then_some(FlightReport { served: 1, ..*flight });
-            let flight = swapping.as_ref().unwrap_or(flight);
             let length = REPORT_BYTES + size_of_val(flight.served_links());
             bytes.extend_from_slice(&bytemuck::bytes_of(flight)[..length]);
         }
@@ -56,9 +54,6 @@ impl Checkpoint for ByUav<FlightReport> {
             let length = size_of_val(flight.served_links());
             let (links, after) = cut(links, length)?;
             bytemuck::bytes_of_mut(flight)[REPORT_BYTES..][..length].copy_from_slice(links);
-            if flight.flown_mode() == Mode::Charge {
-                flight.served = 0;
-            }
             rest = after;
         }
         CheckpointError::ensure(rest.is_empty(), "a flight of each UAV")?;
