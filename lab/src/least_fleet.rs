@@ -129,7 +129,8 @@ fn each(tables: &[Table], uavs: &[u32]) -> Setting {
         table.insert("count".to_owned(), i64::from(*uavs).into());
         Value::Table(table)
     };
-    Setting { key: "uav.each".to_owned(), value: flown.map(table).collect(), origin: SettingOrigin::Option }
+    let value = Value::Array(flown.map(table).collect());
+    Setting { key: "uav.each".to_owned(), value, origin: SettingOrigin::Option }
 }
 
 /// The fleets that are tried, in the order in which they are.
