@@ -66,10 +66,15 @@ impl Fleet {
     /// The UAVs at their starts, over the published sensor nodes.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let first = Flight::new(scenario, sensors);
-        let last = |uav: usize| scenario.uav.endurances_s.as_ref().map_or(u64::MAX, |_| scenario.slots_of(uav));
+        let mut kinds: Vec<Flight> = Vec::new();
+        for kind in scenario.kinds() {
+            let flight = kinds.first().map_or_else(|| Flight::new(&kind, sensors), |first| first.of_kind(&kind));
+            kinds.push(flight);
+        }
+        let last = |uav: usize| scenario.endurance_s_of(uav).map_or(u64::MAX, |_| scenario.slots_of(uav));
+        let flight = |(uav, start)| kinds[scenario.kind_of(uav)].of_uav(uav, start, last(uav));
         Self {
-            uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start, last(uav))).collect(),
+            uavs: scenario.starts().enumerate().map(flight).collect(),
             separation_m: scenario.uav.separation_m.unwrap_or(0.0),
             slot_s: scenario.slot_s,
             pads: Pads::of(scenario),

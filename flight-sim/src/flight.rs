@@ -43,6 +43,11 @@ impl Flight {
     /// The first UAV at its start, over the published sensor nodes.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let positions = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
+        Self::over(scenario, positions, sensors.iter().map(|sensor| sensor.gain).collect())
+    }
+
+    fn over(scenario: &Scenario, positions: Arc<[Position]>, gains: Arc<[f64]>) -> Self {
         Self {
             uav: 0,
             last: u64::MAX,
@@ -56,9 +61,14 @@ impl Flight {
             is_reported_down: false,
             position_error_m: scenario.uav.position_error_m,
             vehicle: Vehicle::new(scenario),
-            positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
-            gains: sensors.iter().map(|sensor| sensor.gain).collect(),
+            positions,
+            gains,
         }
+    }
+
+    /// A UAV of another kind, with the keys of `scenario`, over the same field.
+    pub(crate) fn of_kind(&self, scenario: &Scenario) -> Self {
+        Self::over(scenario, Arc::clone(&self.positions), Arc::clone(&self.gains))
     }
 
     /// The UAV number `uav` at its start, over the same field.

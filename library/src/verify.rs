@@ -301,7 +301,7 @@ fn fly(
     let mut plant = Plant::new(&scenario, &list);
     let mut meter = MissionMeter::new(&scenario, &list);
     let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect::<Plans>()));
-    let blocks = scenario.link.resource_blocks;
+    let blocks: Vec<usize> = scenario.by_uav(|own| own.link.resource_blocks).collect();
     let sensors = list.sensors().len();
     let mut same = SameFlight { moves: flight, path, blocks, sensors };
     drive(&mut plant, &mut pilot, &mut [&mut meter, &mut same], stop)?.unless_stopped()?;
@@ -328,8 +328,8 @@ fn require_landed(scenario: &Scenario, plant: &Plant, path: &Path) -> Result<(),
 struct SameFlight<'a> {
     moves: &'a PlannedFlight,
     path: &'a Path,
-    /// Most SNs at once.
-    blocks: usize,
+    /// By UAV: most SNs at once.
+    blocks: Vec<usize>,
     /// Number of SNs.
     sensors: usize,
 }
@@ -346,7 +346,7 @@ impl Observer for SameFlight<'_> {
                 let line = format_args!("line {}: slot {}: {what}", planned.line, record.slot());
                 Err(InputError::new(PLAN, self.path, line).into())
             };
-            if let Some(what) = self.deviation(planned, row.flight) {
+            if let Some(what) = self.deviation(planned, row.flight, self.blocks[row.uav]) {
                 return refuse(what);
             }
             let header = &record.header;
@@ -364,7 +364,7 @@ impl Observer for SameFlight<'_> {
 
 impl SameFlight<'_> {
     /// How a flight differs from its plan.
-    fn deviation(&self, planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
+    fn deviation(&self, planned: &PlannedMove, flight: &FlightReport, blocks: usize) -> Option<String> {
         let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
         let at = flight.position();
         let to = planned.position;
@@ -383,7 +383,6 @@ impl SameFlight<'_> {
         }
         if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
             let count = planned.scheduled.len();
-            let blocks = self.blocks;
             let sensors = self.sensors;
             return Some(match (*id as usize >= sensors, count > blocks) {
                 (true, _) => format!("sensor node {id}: expected a number from 0 to {}", sensors - 1),

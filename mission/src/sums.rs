@@ -76,8 +76,8 @@ pub struct RunSums {
     objective: Option<ObjectiveWeights>,
     served: u64,
     uavs: usize,
-    /// By UAV; empty without batteries.
-    energy: ByUav<EnergyUse>,
+    /// By UAV; `None` without a battery.
+    energy: ByUav<Option<EnergyUse>>,
     base: Option<Base>,
     slot_s: f64,
     pace: Option<Pace>,
@@ -182,8 +182,10 @@ impl RunSums {
         let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
         let base = scenario.landing_base();
         let pad_wait_s = base.as_ref().filter(|base| !base.sites().is_empty()).map(|_| 0.0);
-        let battery = Battery::of(scenario);
-        let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+        let full = |battery: Battery| {
+            let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+            (!battery.is_endless()).then_some(full)
+        };
         Self {
             labels: MissionLabels {
                 name: scenario.name.clone(),
@@ -210,7 +212,7 @@ impl RunSums {
             objective: objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights),
             served: 0,
             uavs,
-            energy: ByUav::from_elem(full, if battery.is_endless() { 0 } else { uavs }),
+            energy: scenario.by_uav(Battery::of).map(full).collect(),
             base,
             slot_s: scenario.slot_s,
             pace: mode.pace,
@@ -324,7 +326,8 @@ impl RunSums {
 
     /// What the batteries of the UAVs gave and took so far; `None` without them.
     pub fn energy(&self) -> Option<EnergyUse> {
-        (!self.energy.is_empty()).then(|| EnergyUse::sum(&self.energy))
+        let uses: ByUav<EnergyUse> = self.energy.iter().copied().flatten().collect();
+        (!uses.is_empty()).then(|| EnergyUse::sum(&uses))
     }
 
     /// What the batteries of the sensor nodes gave so far; `None` without them.
@@ -368,7 +371,7 @@ impl RunSums {
         }
         self.add_services(record.flights());
         for (energy, flight) in self.energy.iter_mut().zip(record.flights()) {
-            energy.add(self.slots, self.slot_s, flight);
+            energy.iter_mut().for_each(|energy| energy.add(self.slots, self.slot_s, flight));
         }
         self.missed_deadlines += record.flights().iter().filter(|flight| is_late(flight)).count() as u64;
         slot.plans().for_each(|plan| self.plan_ns.saturating_record(plan.plan_ns));

@@ -126,6 +126,10 @@ class Scenario:
         """Number of slots of the mission, T."""
 
     @property
+    def uavs(self) -> list[dict[str, Any]]:
+        """For each UAV a dictionary of its keys of ``[uav]``, and its ``resource_blocks``."""
+
+    @property
     def path(self) -> Path:
         """The file, or what stands for it in errors. Files that the scenario names are relative to its folder."""
 

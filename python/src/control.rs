@@ -65,7 +65,7 @@ pub fn plans(actions: &[f32], index: usize, episode: &mut Episode) -> Plans {
     let mut plans = Plans::new();
     episode.begin_plans();
     for (uav, action) in actions[index * uavs * width..].chunks(width).take(uavs).enumerate() {
-        episode.uav = uav;
+        episode.act_as(uav);
         let decision = episode.decision(action);
         plans.push(Some(episode.ruled_beside(decision)));
     }

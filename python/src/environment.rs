@@ -377,7 +377,7 @@ impl PyEnvironmentCore {
         py.detach(|| {
             each(&mut self.episodes, masks.chunks_mut(of_episode), |_, episode, masks| {
                 for (uav, mask) in masks.chunks_mut(size).enumerate() {
-                    episode.uav = uav;
+                    episode.act_as(uav);
                     mask.copy_from_slice(&episode.action_mask());
                 }
                 Ok(())

@@ -343,7 +343,7 @@ impl Episode {
     pub fn observe_flat(&mut self, numbers: &mut [f32]) {
         let width = self.width();
         for uav in 0..numbers.len() / width {
-            self.uav = uav;
+            self.act_as(uav);
             let first = uav * width;
             let mut begin = first;
             for (kind, shape) in self.observed().observables().zip(self.shapes()) {
@@ -370,7 +370,7 @@ impl Episode {
         let mut numbers = vec![0.0; 2 * uavs + sensors + 1];
         let (positions, others) = numbers.split_at_mut(2 * uavs);
         for (number, position) in positions.chunks_mut(2).enumerate() {
-            self.uav = number;
+            self.act_as(number);
             uav(self, position);
         }
         queues(self, &mut others[..sensors]);

@@ -226,6 +226,18 @@ impl PyScenario {
         self.scenario.slots
     }
 
+    /// For each UAV a dictionary of its keys of ``[uav]``, and its ``resource_blocks``.
+    #[getter]
+    fn uavs<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let keys = |uav: usize| {
+            let alone = self.scenario.of_uav(uav);
+            let mut keys = Table::try_from(&alone.uav).expect("keys are plain tables of numbers and strings");
+            keys.insert("resource_blocks".to_owned(), Value::Integer(alone.link.resource_blocks as i64));
+            json(py, &keys)
+        };
+        (0..self.scenario.uav.uavs()).map(keys).collect()
+    }
+
     /// The file, or what stands for it in errors. Files that the scenario names are relative to its folder.
     #[getter]
     fn path(&self) -> PathBuf {

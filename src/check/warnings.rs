@@ -5,7 +5,7 @@ use skysink_common::channel::LinkBudget;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::strategies::uts;
 
-use super::figures::Figures;
+use super::figures::{Figures, KindFigures};
 use super::quantity::{percent, scaled};
 use super::verdict::LossFree;
 
@@ -25,11 +25,20 @@ pub fn of(scenario: &Scenario, figures: &Figures) -> Vec<String> {
         told_otherwise,
         told_steadier,
         |figures| figures.motion.start_warning(),
-        |figures| figures.motion.warning(),
+        |figures| figures.motion.warning().filter(|_| figures.kinds.is_empty()),
     ];
     let of_figures = rules.into_iter().filter_map(|rule| rule(figures));
     let of_both = [paper_values(scenario, figures), short_slot(scenario, figures)].into_iter().flatten();
-    of_figures.chain(of_both).chain(too_few_slots(figures)).chain(no_rate_at_radius(figures)).collect()
+    let of_kinds = figures.kinds.iter().flat_map(of_kind);
+    of_figures.chain(of_kinds).chain(of_both).chain(too_few_slots(figures)).chain(no_rate_at_radius(figures)).collect()
+}
+
+/// The warnings about the UAVs of a kind, with its name.
+fn of_kind(kind: &KindFigures) -> Vec<String> {
+    let energy = kind.energy.as_ref();
+    let of_energy = energy.map(|energy| [energy.warning(), energy.landing_warning(), energy.stranded_warning()]);
+    let found = of_energy.into_iter().flatten().chain([kind.motion.warning()]).flatten();
+    found.map(|text| format!("{}: {text}", kind.name)).collect()
 }
 
 /// For a reach `V τ ≤ d_c`, most sets that Algorithm 1 finds have no waypoint in reach.

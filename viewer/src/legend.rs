@@ -77,7 +77,7 @@ const LINK_MAP_ROW: &str = "| ground, dark → pale green | rate expected of the
 const SHADOW_ROW: &str = "| ground, dark → light | fraction of the SNs in range that see a UAV there: 0 → 100 % |\n";
 
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>, layers: &str) -> String {
-    let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
+    let fixed = || format!("an altitude of {} m", span(scenario.uav_kinds().map(|uav| uav.altitude_m)));
     let link = match Channel::of(&scenario.link).line_of_sight() {
         None => "| green line, dark → pale | served link, by rate: low → high |\n",
         Some(_) => {
@@ -108,11 +108,11 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,
-        reach_m = scenario.reach_m(),
+        reach_m = span(scenario.kinds().map(|kind| kind.reach_m())),
         altitude = scenario.uav.climb().map_or_else(fixed, |climb| {
             format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
         }),
-        blocks = scenario.link.resource_blocks,
+        blocks = span(scenario.kinds().map(|kind| kind.link.resource_blocks as f64)),
         radius_m = scenario.link.comm_radius_m,
         readout = readout(scenario),
         unit = unit(sizes),
@@ -126,10 +126,19 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
     )
 }
 
+/// The least and the greatest of numbers, of which there is one; one of them if they are equal.
+fn span(numbers: impl Iterator<Item = f64>) -> String {
+    let ends = numbers.map(|number| [number; 2]).reduce(|[low, high], [one, _]| [low.min(one), high.max(one)]);
+    match ends {
+        Some([low, high]) if low < high => format!("{low} to {high}"),
+        _ => ends.map_or_else(String::new, |[low, _]| low.to_string()),
+    }
+}
+
 /// What is written at a UAV.
 fn readout(scenario: &Scenario) -> String {
     let first = if scenario.uav.uavs() == 1 { "time since the start" } else { "its number" };
-    let battery = if scenario.uav.battery.is_some() { ", energy in the battery" } else { "" };
+    let battery = if scenario.uav_kinds().any(|uav| uav.battery.is_some()) { ", energy in the battery" } else { "" };
     format!("{first}, altitude, mean speed in the slot{battery}")
 }
 

@@ -16,7 +16,7 @@ use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
-use crate::keys::{self, Keys, Only, Rule};
+use crate::keys::{self, Keys, Only, Rule, Source};
 use crate::nodes::NODE_ROWS;
 use crate::nodes::keys::MAX_FIELD_BITS;
 use crate::presets;
@@ -34,7 +34,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         _ => Ok(()),
     };
 
-    check_forms(&is_given, &rule)?;
+    check_forms(file, scenario.source())?;
+    check_pairs(&is_given, &rule)?;
     check_sensors(scenario, &rule)?;
     check_uav(scenario, &rule)?;
     zones::check(scenario)?;
@@ -49,13 +50,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     check_contact(scenario, &rule)
 }
 
-/// Checks that of alternative forms there is one, and that keys that belong together are.
-fn check_forms(is_given: &dyn Fn(&str) -> bool, rule: Rule<'_>) -> Result<(), InputError> {
-    for forms in FORMS {
-        let [one, other] = forms.forms;
-        let is_other_given = other.iter().any(|key| is_given(key));
-        one.iter().try_for_each(|key| rule(!is_other_given, key, forms.expected))?;
-    }
+/// Checks that keys that belong together are.
+fn check_pairs(is_given: &dyn Fn(&str) -> bool, rule: Rule<'_>) -> Result<(), InputError> {
     rule(is_given("area.height_m"), "area.width_m", "width_m and height_m together, or side_m")?;
     rule(is_given("area.width_m"), "area.height_m", "width_m and height_m together, or side_m")?;
     for (key, other) in [("area.origin_lat_deg", "area.origin_lon_deg"), ("area.origin_lon_deg", "area.origin_lat_deg")]
@@ -94,25 +90,15 @@ fn check_uav(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
     let Scenario { area, uav, link, .. } = scenario;
     let flight_s = scenario.slots as f64 * scenario.slot_s;
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
-    rule(flight_s <= uav.endurance_s * (1.0 + TIME_SLACK), "uav.endurance_s", &expected)?;
+    let is_own = scenario.must_land() && scenario.own.as_ref().is_some_and(|own| own.has("uav.endurance_s"));
+    let least_s = if is_own { scenario.slot_s } else { flight_s };
+    rule(least_s <= uav.endurance_s * (1.0 + TIME_SLACK), "uav.endurance_s", &expected)?;
     let wind_mps = scenario.wind_mps().norm();
     let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
-    let is_in_area = |start: Point3<f64>| area.contains(&start.xy(), 0.0);
     rule(uav.start_m.is_none_or(|start_m| area.contains(&start_m.into(), 0.0)), "uav.start_m", &expected)?;
-    let starts_m = uav.starts_m.as_ref().map_or(uav.uavs(), Vec::len);
-    let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
-    let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
-    rule(are_starts, "uav.starts_m", &expected_starts)?;
-    let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
-        let is_time =
-            |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
-        uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
-    });
-    let expected =
-        format!("{} times of at least a slot, one for each of several UAVs, and must_land = true", uav.uavs());
-    rule(are_times, "uav.endurances_s", &expected)?;
+    check_lists(scenario, rule)?;
     if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
@@ -167,6 +153,45 @@ fn check_contact(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> 
     rule(link.setup_s.is_none_or(|setup_s| setup_s < link.comm_s), "link.setup_s", &expected)
 }
 
+/// Checks that `file` has no two forms of the same.
+pub(crate) fn check_forms(file: &Table, source: Source) -> Result<(), InputError> {
+    for Forms { forms: [one, other], expected } in FORMS {
+        let is_other_given = other.iter().any(|key| value(file, key).is_some());
+        let given = one.iter().filter(|_| is_other_given).find_map(|key| Some((key, value(file, key)?)));
+        if let Some((key, value)) = given {
+            return Err(source.refusal(key, value, expected));
+        }
+    }
+    Ok(())
+}
+
+/// Checks the keys with a value for each UAV of `scenario`, which was read from `file`.
+pub(crate) fn check_fleet(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
+    let source = Source { own: None, ..scenario.source() };
+    check_lists(scenario, &|holds, key, expected| match value(file, key) {
+        Some(value) if !holds => Err(source.refusal(key, value, expected)),
+        _ => Ok(()),
+    })
+}
+
+/// Checks the keys with a value for each UAV.
+fn check_lists(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { area, uav, .. } = scenario;
+    let is_in_area = |start: Point3<f64>| area.contains(&start.xy(), 0.0);
+    let starts_m = uav.starts_m.as_ref().map_or(uav.uavs(), Vec::len);
+    let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
+    let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
+    rule(are_starts, "uav.starts_m", &expected_starts)?;
+    let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
+        let is_time =
+            |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
+        uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
+    });
+    let expected =
+        format!("{} times of at least a slot, one for each of several UAVs, and must_land = true", uav.uavs());
+    rule(are_times, "uav.endurances_s", &expected)
+}
+
 /// Two alternative forms: the keys of each, and what is expected if both are present.
 struct Forms {
     forms: [&'static [&'static str]; 2],
@@ -174,7 +199,7 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 9] = [
+const FORMS: [Forms; 10] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
@@ -189,6 +214,10 @@ const FORMS: [Forms; 9] = [
     },
     Forms { forms: [&presets::OF_RADIO, &["link.file"]], expected: "either preset or file, not both" },
     Forms { forms: [&["uav.track"], &["uav.waypoints_m"]], expected: "either track or waypoints_m, not both" },
+    Forms {
+        forms: [&["uav.count", "uav.track", "uav.waypoints_m"], &["uav.each"]],
+        expected: "either [[uav.each]], or count, or a fixed flight of one UAV",
+    },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
     Forms {
         forms: [&["link.noise_dbm"], &["link.noise_dbm_per_hz"]],

@@ -79,7 +79,9 @@ pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) ->
 
 /// That vehicles on the ground are not counted, where all start from one place.
 fn on_the_ground(scenario: &Scenario) -> Option<String> {
-    let is_shared = scenario.uav.starts_m.is_none();
+    let mut starts = scenario.starts().map(|start| start.xy());
+    let first = starts.next();
+    let is_shared = starts.all(|start| Some(start) == first);
     is_shared.then(|| "warning: all UAVs start and land at one place: those on the ground are not counted".to_owned())
 }
 

@@ -2,6 +2,7 @@
 
 mod assumed_link;
 mod battery;
+mod each;
 mod expiry;
 mod figures;
 mod finite;
@@ -11,6 +12,7 @@ mod heard;
 mod node_energy;
 mod objectives;
 mod optima;
+mod random_fleets;
 mod record;
 mod sites;
 mod support;

@@ -22,7 +22,6 @@ use skysink_common::stop::Stop;
 use skysink_common::told::{Sensed, Told};
 use toml::Value;
 
-use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit, ReservationTable};
 use crate::operator_counts::OperatorCounts;
 use crate::planner::Planner;
@@ -142,7 +141,7 @@ impl FleetPlanner {
         let mut planners = Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)?;
         if *has_path && planners.members.len() > 1 && planners.coordination == Coordination::Sequential {
             let slots: Vec<u64> = planners.members.iter().map(|member| member.last).collect();
-            planners.claims = partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+            planners.claims = partition::pieces(scenario, sensors, &slots, stop);
         }
         Ok(planners)
     }
@@ -167,7 +166,7 @@ impl FleetPlanner {
         let separation_m = reservations.nothing(scenario.slots).separation_m;
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
-        let cut = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+        let cut = || partition::pieces(scenario, sensors, &slots, stop);
         let mut parts = (coordination == Coordination::Partition).then(cut).into_iter().flatten();
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let member = |(uav, alone): (usize, &Scenario)| {
@@ -381,11 +380,11 @@ fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
     }
     // Into the base one after the other, those of lower number first, which those of higher number await beyond the
     // distance.
-    let each = (separation_m / scenario.move_m()) as u64; // saturates
+    let each = (separation_m / alone.move_m()) as u64; // saturates
     let behind = (scenario.uav.uavs() - 1 - uav) as u64;
     let moves = if each > 0 { each.saturating_add(SPARE_MOVES).saturating_mul(behind) } else { 0 };
     let early = |moves: u64| {
-        let slots = alone.slots.saturating_sub(moves.saturating_mul(scenario.move_slots())).max(1);
+        let slots = alone.slots.saturating_sub(moves.saturating_mul(alone.move_slots())).max(1);
         Some(Scenario { slots, ..alone.clone() }).filter(|early| settings::check(early).is_ok())
     };
     let found = early(moves.saturating_add(SPARE_MOVES)).or_else(|| early(SPARE_MOVES));

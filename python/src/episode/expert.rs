@@ -169,7 +169,7 @@ impl Episode {
         let plans = self.expert_plans(name, stop)?;
         let size = into.len() / plans.len();
         for (uav, plan) in plans.iter().enumerate() {
-            self.uav = uav;
+            self.act_as(uav);
             let end = self.inward(plan);
             self.write_action(&end, &mut into[uav * size..][..size]);
         }
