@@ -90,8 +90,8 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes what is `sensed` after a slot, plans the next, and saves the state before the plan is published. After a
-    /// requested stop the plan is neither saved nor published.
+    /// Observes what is `sensed` after a slot, plans the next, and saves the state before the plan is published. After
+    /// a requested stop the plan is neither saved nor published.
     fn plan(&mut self, sensed: &Sensed<'_>) -> Result<ByUav<Plan>, NodeError> {
         let slot = sensed.slot + 1;
         self.resume(slot)?;

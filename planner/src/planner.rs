@@ -153,8 +153,8 @@ impl Planner {
         self.observe_with(slot, flight, std::slice::from_ref(flight), told.into());
     }
 
-    /// Takes in what this UAV, number `uav`, receives at the end of a slot, before that is observed; `number` is that of
-    /// an SN of its own.
+    /// Takes in what this UAV, number `uav`, receives at the end of a slot, before that is observed; `number` is that
+    /// of an SN of its own.
     pub(crate) fn receive(&mut self, received: &Received<'_>, uav: usize, number: impl Fn(u32) -> Option<u32>) {
         let count = self.table.sensors.count();
         self.heard.receive(received, uav, |id| number(id).filter(|number| (*number as usize) < count));

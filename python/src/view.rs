@@ -26,8 +26,8 @@ pub struct PyView {
     ///
     /// It is unsigned: use ``astype(np.int64)`` for differences.
     queues_bits: Py<PyArray1<u32>>,
-    /// What each SN is known to do when it is served in this slot, uint8 [N], read-only: 0 sends its queue, 1 is silent,
-    /// and sends later, 2 is dead. All are 0 without ``sensors.energy`` and ``link.duty_cycle``.
+    /// What each SN is known to do when it is served in this slot, uint8 [N], read-only: 0 sends its queue, 1 is
+    /// silent, and sends later, 2 is dead. All are 0 without ``sensors.energy`` and ``link.duty_cycle``.
     answers: Py<PyArray1<u8>>,
     /// Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only.
     sampling_bps: Py<PyArray1<f64>>,

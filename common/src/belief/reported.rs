@@ -16,8 +16,8 @@ pub struct ReportedQueues {
 }
 
 impl ReportedQueues {
-    /// The queues of the SNs `ids` at the beginning of `slot`, as they are `told` before it. SNs that are then silent or
-    /// dead report none.
+    /// The queues of the SNs `ids` at the beginning of `slot`, as they are `told` before it. SNs that are then silent
+    /// or dead report none.
     ///
     /// # Panics
     /// If an SN is unknown.

@@ -101,8 +101,8 @@ impl Default for SensorNode {
     }
 }
 
-/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a number:
-/// 0 sends its queue, 1 is silent, and sends later, 2 is dead.
+/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a
+/// number: 0 sends its queue, 1 is silent, and sends later, 2 is dead.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.NodeAnswer.v1"))]

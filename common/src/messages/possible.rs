@@ -44,7 +44,8 @@ impl Message for NodeAnswer {
 impl Message for FlightReport {
     /// Positions, velocities, covariances and links have finite numbers. The links are at most [`MAX_SERVED`], by
     /// ascending sensor node, and none if the UAV holds, charges or is down: a trace with others could not be flown
-    /// again. A battery is swapped only while the UAV charges. A position outside the area is possible, because a real vehicle may have been there.
+    /// again. A battery is swapped only while the UAV charges. A position outside the area is possible, because a real
+    /// vehicle may have been there.
     fn are_possible(flights: &[Self]) -> bool {
         flights.iter().all(|flight| {
             let links = flight.served_links();

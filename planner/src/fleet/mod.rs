@@ -205,8 +205,8 @@ impl FleetPlanner {
         &self.members[0].planner.stop
     }
 
-    /// Observes the flights of a slot, what is told after it, and what the UAVs receive ([`Planner::observe`]). UAVs that
-    /// plan on their own have only their own contacts.
+    /// Observes the flights of a slot, what is told after it, and what the UAVs receive ([`Planner::observe`]). UAVs
+    /// that plan on their own have only their own contacts.
     ///
     /// # Panics
     /// If there is not one flight for each UAV.
@@ -231,8 +231,8 @@ impl FleetPlanner {
     }
 
     /// Plans the slot after that of `sensed` from where the UAVs are after its flights, and the queues `B_i(t−1)` and
-    /// answers that are told ([`Planner::step`]). The plans have the time that each of them took. What the UAVs receive is
-    /// that of the last [`Self::observe`].
+    /// answers that are told ([`Planner::step`]). The plans have the time that each of them took. What the UAVs receive
+    /// is that of the last [`Self::observe`].
     ///
     /// # Panics
     /// If there is not one flight for each UAV.

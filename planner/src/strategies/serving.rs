@@ -138,8 +138,8 @@ pub fn fill_most_in_range<'t>(table: &MissionTable, uav: &Point3<f64>, told: imp
     fill_in_range(table, &uav.xy(), answers, key, ids);
 }
 
-/// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id; of those that send
-/// by their `answers`, by id, or of all if there are none.
+/// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id; of those that
+/// send by their `answers`, by id, or of all if there are none.
 fn fill_in_range<K: Ord>(
     table: &MissionTable,
     ground: &Position,
