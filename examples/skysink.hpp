@@ -1,4 +1,4 @@
-// The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
+// The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/messages/message.rs by
 // cargo test --workspace --test it write_the_layouts -- --ignored
 
 #pragma once
@@ -160,8 +160,8 @@ struct SensorNode {
     double weight;
 };
 
-/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a number:
-/// 0 sends its queue, 1 is silent, and sends later, 2 is dead.
+/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a
+/// number: 0 sends its queue, 1 is silent, and sends later, 2 is dead.
 struct NodeAnswer {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.NodeAnswer.v1";
     /// What it does.
