@@ -584,6 +584,18 @@ def objectives():
     return plot("objectives", *runs, "--title", "Trajectories over 300 slots · 500 m × 500 m")
 
 
+@entry("mixed-fleet", 0.2)
+def mixed_fleet():
+    """The trajectories of a slow and a fast UAV that divide a field."""
+    flown = OUT / "mixed-fleet"
+    keys = ["slots=400", f"{SIDE}=600", "sensors.count=120", "planner.horizon.iterations=500"]
+    keys += ["uav.each=[{max_speed_mps=10.0},{max_speed_mps=30.0}]"]
+    words = [word for key in keys for word in ("--set", key)]
+    words += ["--out", flown, "--force"]
+    run("skysink", "simulate", "scenarios/letter.toml", "--strategy", "horizon", *words)
+    return plot("mixed-fleet", flown, "--title", "UAV 0 at 10 m/s, UAV 1 at 30 m/s · 400 slots")
+
+
 @entry("altitude", 0)
 def altitude():
     """The loss against the altitude in a dense urban environment."""

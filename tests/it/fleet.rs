@@ -145,7 +145,7 @@ fn a_fleet_of_uavs_that_differ_survives_deaths_and_is_resumed_replayed_and_expor
 #[test]
 fn tables_that_repeat_that_of_all_leave_the_files_of_as_many_equal_uavs() {
     let place = Place::new();
-    let each = "uav.each=[{count=2},{max_speed_mps=30.0}]";
+    let each = "uav.each=[{count=2},{altitude_m=20.0}]";
     for (strategy, how) in [("horizon", "sequential"), ("uts", "partition")] {
         let flight = place.flight("smoke").strategy(strategy).set("slots", 40).set("uav.coordination", how).force();
         flight.set("uav.count", 3).out("counted").simulate();
