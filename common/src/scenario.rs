@@ -188,23 +188,7 @@ impl Scenario {
         path.clone_into(&mut scenario.path);
         scenario.settings = overrides.keys;
         zones::read_files(&mut scenario)?;
-        scenario.link.table = match (scenario.channel_file(), overrides.table) {
-            (None, _) => None,
-            (Some(_), Some(table)) => Some(table),
-            (Some(path), None) => Some(RateTable::read(&path)?.shared()),
-        };
-        if let Some((rates, radius_m)) = preset_rates::rates(&scenario)? {
-            scenario.link.table = Some(rates);
-            scenario.link.comm_radius_m = if has_radius { scenario.link.comm_radius_m } else { radius_m };
-        }
-        if let Some(file) = scenario.link.file.as_ref().filter(|_| scenario.link.model == LinkModel::Map) {
-            let rates = scenario.link.rates.as_ref().map(|rates| scenario.beside(rates));
-            scenario.link.map = Some(match overrides.map {
-                Some(map) => map,
-                None => LinkMap::read(&scenario.beside(file), rates.as_deref())?,
-            });
-        }
-        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().shared());
+        scenario.read_link(has_radius, overrides.table, overrides.map)?;
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }
@@ -228,6 +212,34 @@ impl Scenario {
         }
         track::check(&scenario, track.as_ref())?;
         Ok(scenario)
+    }
+
+    /// Reads what the files and presets of `[link]` say, unless `table` or `map` have it. Whether the file of the scenario
+    /// `has_radius` decides whether a preset's counts.
+    fn read_link(
+        &mut self,
+        has_radius: bool,
+        table: Option<Arc<RateTable>>,
+        map: Option<Arc<LinkMap>>,
+    ) -> Result<(), InputError> {
+        self.link.table = match (self.channel_file(), table) {
+            (None, _) => None,
+            (Some(_), Some(table)) => Some(table),
+            (Some(path), None) => Some(RateTable::read(&path)?.shared()),
+        };
+        if let Some((rates, radius_m)) = preset_rates::rates(self)? {
+            self.link.table = Some(rates);
+            self.link.comm_radius_m = if has_radius { self.link.comm_radius_m } else { radius_m };
+        }
+        if let Some(file) = self.link.file.as_ref().filter(|_| self.link.model == LinkModel::Map) {
+            let rates = self.link.rates.as_ref().map(|rates| self.beside(rates));
+            self.link.map = Some(match map {
+                Some(map) => map,
+                None => LinkMap::read(&self.beside(file), rates.as_deref())?,
+            });
+        }
+        self.link.buildings = (self.link.model == LinkModel::Buildings).then(|| self.buildings().shared());
+        Ok(())
     }
 
     /// Fills in where UAVs start, and the base, by default.

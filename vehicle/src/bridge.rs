@@ -142,6 +142,18 @@ pub struct Bridge {
     pub ends: SlotEnds,
 }
 
+/// The state in which the control of a vehicle begins: `saved` is that of the bridge before, `mode` what the vehicle's last
+/// report says.
+fn begun(saved: Option<State>, beginning: Beginning, mode: Mode) -> State {
+    match (saved, beginning) {
+        (None, _) if mode == Mode::Down => State::Done, // of a run on another host
+        (None, _) if mode == Mode::Return => State::Silent, // a pilot's mode will show
+        (None, _) => State::Check { may_fly_on: false },
+        (Some(state), Beginning::First) => state.resumed(),
+        (Some(state), Beginning::Restarted { .. }) => state.restarted(),
+    }
+}
+
 impl Bridge {
     /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the
     /// starts, or where a run that is resumed has left them, in the states that were `saved`, if any were. `own` are
@@ -176,13 +188,7 @@ impl Bridge {
                 modes: own[uav].modes.clone(),
             };
             let before = saved.get(uav);
-            let state = match (before.map(|before| before.state), beginning) {
-                (None, _) if report.flown_mode() == Mode::Down => State::Done, // of a run on another host
-                (None, _) if report.flown_mode() == Mode::Return => State::Silent, // a pilot's mode will show
-                (None, _) => State::Check { may_fly_on: false },
-                (Some(state), Beginning::First) => state.resumed(),
-                (Some(state), Beginning::Restarted { .. }) => state.restarted(),
-            };
+            let state = begun(before.map(|before| before.state), beginning, report.flown_mode());
             let mut control = VehicleControl::new(assignment, state, before);
             control.say_restored(before.map_or(state, |before| before.state));
             let was_over = beginning == Beginning::First && control.is_committed();

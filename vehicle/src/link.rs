@@ -12,7 +12,7 @@ use crate::codec::{AUTOPILOT, answers_to, decode, encode};
 use crate::control::Heartbeats;
 use crate::identity::{ChosenVehicle, Sender, Vehicles};
 use crate::telemetry::{Fix, Order, Telemetry};
-use crate::wire::{Received, Wire, WireAddress};
+use crate::wire::{ReceivedMessage, Wire, WireAddress};
 
 /// Messages that are taken in a poll at most, so that a flood of them does not stop the bridge.
 const MOST_IN_A_POLL: usize = 4096;
@@ -169,8 +169,8 @@ impl Link {
     }
 
     /// What a message means, and for which UAV.
-    fn hear(&mut self, index: usize, received: &Received, now_s: f64) -> Option<(usize, Telemetry)> {
-        let Received { from, header, message } = received;
+    fn hear(&mut self, index: usize, received: &ReceivedMessage, now_s: f64) -> Option<(usize, Telemetry)> {
+        let ReceivedMessage { from, header, message } = received;
         let LinkedWire { address, vehicles, .. } = &mut self.connections[index];
         let system = u8::try_from(header.system_id).ok()?;
         if system == address.own_system {
@@ -347,9 +347,9 @@ mod tests {
     }
 
     /// A message of an autopilot of this system from this port.
-    fn sent(port: u16, system_id: u32, component_id: u8, message: MavMessage) -> Received {
+    fn sent(port: u16, system_id: u32, component_id: u8, message: MavMessage) -> ReceivedMessage {
         let header = MavHeader { system_id, component_id, sequence: 0 };
-        Received { from: Some(SocketAddr::from(([127, 0, 0, 1], port))), header, message }
+        ReceivedMessage { from: Some(SocketAddr::from(([127, 0, 0, 1], port))), header, message }
     }
 
     fn beat(mavtype: MavType) -> MavMessage {
@@ -452,7 +452,7 @@ mod tests {
         let at = router.local_addr().unwrap();
         let addresses = [1, 2].map(|system| format!("udpout:{at}?system={system}").parse().unwrap());
         let mut link = Link::open(&addresses, 2).unwrap_or_else(|(address, error)| panic!("{address}: {error}"));
-        let beat = Received { from: Some(at), ..sent(0, 1, AUTOPILOT, beat(QUADROTOR)) };
+        let beat = ReceivedMessage { from: Some(at), ..sent(0, 1, AUTOPILOT, beat(QUADROTOR)) };
         let _ = link.hear(0, &beat, 0.0);
         link.choose(0.0, |_| false, |_, _| None).unwrap();
         use Heartbeats::{Due, Idle, Withheld};

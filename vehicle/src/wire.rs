@@ -270,7 +270,7 @@ impl Datagrams {
 
 /// A message that was received.
 #[derive(Debug)]
-pub struct Received {
+pub struct ReceivedMessage {
     /// The address of its sender, over UDP.
     pub from: Option<SocketAddr>,
     /// Its sender by its own account.
@@ -282,7 +282,7 @@ pub struct Received {
 /// A connection, open or not.
 pub struct Wire {
     open: Arc<Mutex<Option<Arc<Transport>>>>,
-    received: Receiver<Received>,
+    received: Receiver<ReceivedMessage>,
 }
 
 impl Wire {
@@ -303,7 +303,7 @@ impl Wire {
     }
 
     /// The next message that was received, if there is one.
-    pub fn receive(&self) -> Option<Received> {
+    pub fn receive(&self) -> Option<ReceivedMessage> {
         self.received.try_recv().ok()
     }
 
@@ -320,7 +320,7 @@ impl Wire {
 }
 
 /// Receives until nobody takes the messages.
-fn receive(address: &WireAddress, open: &Mutex<Option<Arc<Transport>>>, sender: &SyncSender<Received>) {
+fn receive(address: &WireAddress, open: &Mutex<Option<Arc<Transport>>>, sender: &SyncSender<ReceivedMessage>) {
     let slot = || open.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
         let current = slot().clone();
@@ -342,7 +342,7 @@ fn receive(address: &WireAddress, open: &Mutex<Option<Arc<Transport>>>, sender: 
 }
 
 /// Receives until the socket fails; returns whether messages are still wanted.
-fn receive_datagrams(socket: &UdpSocket, sender: &SyncSender<Received>) -> bool {
+fn receive_datagrams(socket: &UdpSocket, sender: &SyncSender<ReceivedMessage>) -> bool {
     let mut buffer = vec![0; DATAGRAM];
     loop {
         let (length, from) = match socket.recv_from(&mut buffer) {
@@ -354,7 +354,7 @@ fn receive_datagrams(socket: &UdpSocket, sender: &SyncSender<Received>) -> bool 
         loop {
             match reader.read_any_message::<MavMessage>() {
                 Ok((header, message)) => {
-                    if sender.send(Received { from: Some(from), header, message }).is_err() {
+                    if sender.send(ReceivedMessage { from: Some(from), header, message }).is_err() {
                         return false;
                     }
                 }
@@ -366,11 +366,11 @@ fn receive_datagrams(socket: &UdpSocket, sender: &SyncSender<Received>) -> bool 
 }
 
 /// Receives until the connection breaks; returns whether messages are still wanted.
-fn receive_stream(stream: &Connection<MavMessage>, sender: &SyncSender<Received>) -> bool {
+fn receive_stream(stream: &Connection<MavMessage>, sender: &SyncSender<ReceivedMessage>) -> bool {
     loop {
         match stream.recv() {
             Ok((header, message)) => {
-                if sender.send(Received { from: None, header, message }).is_err() {
+                if sender.send(ReceivedMessage { from: None, header, message }).is_err() {
                     return false;
                 }
             }

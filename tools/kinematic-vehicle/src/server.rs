@@ -17,7 +17,7 @@ use rand_distr::StandardNormal;
 use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::stop::Stop;
-use skysink_vehicle::wire::{Received, Wire};
+use skysink_vehicle::wire::{ReceivedMessage, Wire};
 
 use crate::autopilot::{Copter, Given};
 use crate::options::KinematicOptions;
@@ -61,7 +61,7 @@ impl<'a> LossyLink<'a> {
     }
 
     /// The next message. The heartbeat of one ground station is passed on to the others, as autopilots do.
-    fn receive(&mut self) -> Option<Received> {
+    fn receive(&mut self) -> Option<ReceivedMessage> {
         let received = self.wire.receive()?;
         if let Some(from) = received.from {
             if !self.peers.contains(&from) {
@@ -115,7 +115,7 @@ pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize
     let begin = Instant::now();
     let mut steps: u64 = 0;
     while stop.requested().is_none() {
-        while let Some(Received { header, message, .. }) = link.receive() {
+        while let Some(ReceivedMessage { header, message, .. }) = link.receive() {
             if !link.loses() {
                 vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &mut link));
             }
