@@ -8,6 +8,7 @@ mod area;
 mod base;
 pub mod battery;
 mod each;
+mod fleet;
 pub mod limits;
 pub mod loss_rate;
 mod mission;
@@ -31,7 +32,7 @@ pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use crate::nodes::SensorKeys;
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
-pub use each::MixedFleet;
+pub use fleet::MixedFleet;
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, is_kept_file, name_refusal};
 pub use simplified::{SharedZones, SimplifiedZones};
 pub use track::{MOST_TRACK_SLOTS, TimedPoint, slot_ends};
@@ -214,8 +215,8 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Reads what the files and presets of `[link]` say, unless `table` or `map` have it. Whether the file of the scenario
-    /// `has_radius` decides whether a preset's counts.
+    /// Reads the files and presets of `[link]` that `table` and `map` do not replace. The radius of a preset counts unless
+    /// the scenario `has_radius`.
     fn read_link(
         &mut self,
         has_radius: bool,

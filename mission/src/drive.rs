@@ -213,11 +213,12 @@ pub fn drive(
 /// If the mission is over, stopped, or fails; the plant is then unchanged.
 ///
 /// ```
-/// use skysink_common::{scenario::Scenario, sensors::SensorList};
+/// use skysink_common::{scenario::Scenario, sensors::SensorList, slot_record::Plans};
 /// use skysink_mission::{Plant, drive::Planned, drive::step};
 /// let scenario = Scenario::letter(Default::default()).unwrap();
 /// let mut plant = Plant::new(&scenario, &SensorList::of(&scenario).unwrap());
-/// let mut two_holds = Planned([[None].into(), [None].into()].into_iter());
+/// let hold = Plans::from_iter([None]);
+/// let mut two_holds = Planned([hold.clone(), hold].into_iter());
 /// while step(&mut plant, &mut two_holds, &Default::default()).is_ok() {}
 /// assert_eq!(plant.slot(), 2);
 /// ```

@@ -31,6 +31,7 @@ pub struct Terms {
     /// Within what distance UAVs hear sensor nodes [m], if the run has the topic `links`.
     pub beacon_radius_m: Option<f64>,
     /// Whether sensor nodes may be dead or silent: the run has the topic `answers`.
+    #[serde(default)] // of an earlier protocol, which the link refuses
     pub may_refuse: bool,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,

@@ -23,7 +23,7 @@ fn the_topics_of_a_running_ring_are_shown_with_their_types_readers_and_rates() {
         ("sensors", "[skysink.SensorNode.v2]", "field-sim", &["flight-sim", "planner"][..]),
         ("queues", "[u32]", "field-sim", &["planner", "skysink"]),
         ("plan", "[skysink.Plan.v1]", "planner", &["flight-sim", "skysink"]),
-        ("flight", "[skysink.FlightReport.v3]", "flight-sim", &["field-sim", "planner", "skysink"]),
+        ("flight", "[skysink.FlightReport.v4]", "flight-sim", &["field-sim", "planner", "skysink"]),
         ("commit", "skysink.Commit.v1", "skysink", &["field-sim"]),
     ] {
         let topic = topic(name);

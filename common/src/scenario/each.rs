@@ -4,9 +4,9 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use serde::Serialize;
 use toml::{Table, Value};
 
+use super::fleet::{BLOCKS, MixedFleet, UavKind};
 use super::mission::Scenario;
 use super::rules;
 use super::uav::{MAX_UAVS, UavKeys};
@@ -17,9 +17,6 @@ use crate::slack::TIME_SLACK;
 
 /// The name of the list.
 const EACH: &str = "uav.each";
-
-/// The resource blocks of a UAV, in `[link]` where they are those of all.
-const BLOCKS: &str = "link.resource_blocks";
 
 /// The keys of `[uav]` that are those of the whole fleet.
 const OF_FLEET: [&str; 10] = [
@@ -34,24 +31,6 @@ const OF_FLEET: [&str; 10] = [
     "track",
     "waypoints_m",
 ];
-
-/// The UAVs of a table of `[[uav.each]]`.
-#[derive(Debug, Clone, PartialEq)]
-struct UavKind {
-    /// `[uav]` with its own keys over it, and with the starts of its UAVs.
-    uav: UavKeys,
-    resource_blocks: usize,
-    own: Arc<OwnKeys>,
-}
-
-/// A fleet whose UAVs differ.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MixedFleet {
-    /// `[uav]` as it is written: with all defaults, and the tables of `[[uav.each]]`.
-    uav: Table,
-    resource_blocks: Option<Value>,
-    kinds: Vec<UavKind>,
-}
 
 /// A table of `[[uav.each]]` before it is read.
 pub(super) struct KindTable {
@@ -178,51 +157,6 @@ impl MixedFleet {
         scenario.own = Some(Arc::clone(&kinds[0].own));
         scenario.fleet = Some(Arc::new(Self { uav, resource_blocks, kinds }));
         Ok(scenario)
-    }
-
-    /// The tables of `[[uav.each]]`, with the keys of their presets.
-    pub fn tables(&self) -> Vec<Table> {
-        let each = self.uav.get("each").and_then(Value::as_array).into_iter().flatten();
-        each.filter_map(Value::as_table).cloned().collect()
-    }
-
-    /// Takes down where UAVs start that have no start of their own [m].
-    pub(super) fn start_at(&mut self, start_m: [f64; 2]) {
-        dotted::insert_missing(&mut self.uav, "start_m", Value::Array(start_m.map(Value::Float).to_vec()));
-    }
-
-    /// The fleet without presets, whose keys it has.
-    pub(super) fn without_presets(&self) -> Self {
-        let mut plain = self.clone();
-        plain.uav.remove("preset");
-        let each = plain.uav.get_mut("each").and_then(Value::as_array_mut).into_iter().flatten();
-        each.filter_map(Value::as_table_mut).for_each(|own| drop(own.remove("preset")));
-        plain
-    }
-
-    /// The table of `scenario`, whose UAVs are these.
-    ///
-    /// # Panics
-    /// Never: a scenario consists of tables of numbers and strings.
-    pub(super) fn table(&self, scenario: &impl Serialize) -> Table {
-        let mut table = Table::try_from(scenario).expect("a scenario consists of tables of numbers and strings");
-        table.insert("uav".to_owned(), Value::Table(self.uav.clone()));
-        if let (Some(value), Some(blocks)) = (dotted::value_mut(&mut table, BLOCKS), &self.resource_blocks) {
-            *value = blocks.clone();
-        }
-        table
-    }
-
-    /// The kind of the UAV number `uav`, and its number among those of the kind.
-    fn kind_of(&self, uav: usize) -> (usize, usize) {
-        let mut number = uav;
-        for (index, kind) in self.kinds.iter().enumerate() {
-            if number < kind.uav.uavs() {
-                return (index, number);
-            }
-            number -= kind.uav.uavs();
-        }
-        (self.kinds.len() - 1, number)
     }
 }
 

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 
 use super::area::Area;
 use super::base::BaseKeys;
-use super::each::MixedFleet;
+use super::fleet::MixedFleet;
 use super::simplified::SharedZones;
 use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};

@@ -124,8 +124,13 @@ mod tests {
 
     #[test]
     fn a_faster_uav_gets_as_much_more_as_it_flies_in_the_same_time() {
-        // On a line of 40 SNs, 25 m apart: the second flies 20 m in a slot, the first 10 m.
-        let nodes = nodes(&(0..40).map(|step| [25.0 * f64::from(step), 500.0]).collect::<Vec<_>>());
+        // On a circle of 40 SNs, 62.8 m apart, of which the tour has equal legs: the second UAV flies 20 m in a slot, the
+        // first 10 m.
+        let on_circle = |step: u8| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(step) / 40.0).sin_cos();
+            [500.0 + 400.0 * cos, 500.0 + 400.0 * sin]
+        };
+        let nodes = nodes(&(0..40).map(on_circle).collect::<Vec<_>>());
         let of = |each: &str| {
             let text = format!("name = 'x'\n[area]\nside_m = 1000.0\n[uav]\nmax_speed_mps = 10.0\n{each}");
             let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
