@@ -136,6 +136,36 @@ impl Planner {
         })
     }
 
+    /// The planner of a simulated mission of this setup, with this strategy.
+    pub(crate) fn simulated(setup: &Setup<'_>, strategy: Box<dyn Strategy>) -> Self {
+        let Setup { scenario, table, belief, stop, .. } = *setup;
+        Self {
+            strategy,
+            rules: RuleBook::new(setup),
+            strategy_name: String::new(),
+            belief: belief.clone(),
+            battery: BatteryState::initial(scenario),
+            reported: ReportedQueues::default(),
+            timing: Timing::Free,
+            stop: stop.clone(),
+            slot: 0,
+            links: scenario.link.beacon_radius_m.map(|_| Vec::new()),
+            path: Vec::with_capacity(MAX_PATH_POINTS),
+            left_bits: Vec::new(),
+            table: table.clone(),
+        }
+    }
+
+    /// Begins a simulation at what `view` sees.
+    pub(crate) fn begin_at(&mut self, view: &View<'_>) {
+        self.belief = view.belief.belief.clone();
+        self.battery = view.battery;
+        self.reported = ReportedQueues::default();
+        if let (Some(links), Some(heard)) = (&mut self.links, view.links) {
+            heard.clone_into(links);
+        }
+    }
+
     /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the
     /// next is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes
     /// the estimate older.
@@ -189,6 +219,19 @@ impl Planner {
         duty: Duty,
         neighbours: Option<&Neighbours<'_>>,
     ) -> Plan {
+        self.plan_by(slot, position, queues_bits, duty, neighbours, |strategy, view| strategy.plan(view))
+    }
+
+    /// The same, decided by what `decide` makes of its strategy.
+    pub(crate) fn plan_by(
+        &mut self,
+        slot: u64,
+        position: Point3<f64>,
+        queues_bits: &[u32],
+        duty: Duty,
+        neighbours: Option<&Neighbours<'_>>,
+        mut decide: impl FnMut(&mut dyn Strategy, &View<'_>) -> Option<Decision>,
+    ) -> Plan {
         let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
         let Self { strategy, rules, table, stop, left_bits, links, .. } = self;
@@ -198,7 +241,7 @@ impl Planner {
         let battery = self.battery;
         let timing = self.timing;
         let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
-        let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
+        let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| decide(&mut **strategy, view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);
