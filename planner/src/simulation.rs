@@ -122,3 +122,61 @@ fn nodes_of(sensors: &Sensors, slot_s: f64) -> Vec<SensorNode> {
     };
     sensors.ids().map(node).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings;
+    use crate::strategies::gfs;
+    use crate::strategy::OwnedSetup;
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::sensors::SensorList;
+    use std::path::Path;
+
+    /// A mission of 40 slots with losses, and these keys.
+    fn mission(keys: &str) -> (OwnedSetup, SensorList) {
+        let text = format!("name = 'x'\nslots = 40\n[sensors]\nsampling_bps = [50.0, 900.0]\n{keys}");
+        let overrides = Overrides { strategy: Some("gfs"), ..Overrides::default() };
+        let scenario = Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        (OwnedSetup::new(scenario, &list.nodes()).unwrap(), list)
+    }
+
+    /// What greedy flights lose in the draw number `draw` of all slots [bit].
+    fn simulated(owned: &OwnedSetup, list: &SensorList, draw: u32) -> f64 {
+        let setup = owned.setup();
+        let queues_bits = list.queues_bits();
+        let view = View::at_start(&setup, &queues_bits, &owned.stop);
+        let mut planner = Planner::simulated(&setup, (gfs::STRATEGY.make)(&setup));
+        let first = (gfs::STRATEGY.make)(&setup).plan(&view);
+        Simulator::of(&setup).unwrap().draw(&view, draw, 40).fly(&view, &mut planner, first.as_ref())
+    }
+
+    #[test]
+    fn where_all_is_known_a_simulated_mission_is_the_mission() {
+        let (owned, list) = mission("");
+        let scenario = owned.scenario.clone();
+        let last = skysink_mission::Mission::new(&scenario, &list).unwrap().last().unwrap();
+        let lost_bits = last.header.totals.lost_bits;
+        assert!(lost_bits > 0, "nothing to compare");
+        assert_eq!([0, 1].map(|draw| simulated(&owned, &list, draw)), [lost_bits as f64; 2]);
+    }
+
+    #[test]
+    fn draws_differ_by_number_alone() {
+        for keys in ["arrivals = { model = 'on-off' }\n", "[link]\ngain = 'per-slot'\ngain_db = [-100.0, -60.0]\n"] {
+            let (owned, list) = mission(keys);
+            let draws = [0, 1, 0].map(|draw| simulated(&owned, &list, draw));
+            assert!(draws[0] == draws[2] && draws[0] != draws[1], "{draws:?}");
+        }
+    }
+
+    #[test]
+    fn what_a_view_does_not_tell_is_not_simulated() {
+        let several = "[uav]\ncount = 2\n";
+        let expiring = "expiry_s = 20.0\n";
+        for keys in [several, expiring] {
+            assert!(Simulator::of(&mission(keys).0.setup()).is_none(), "{keys}");
+        }
+    }
+}

@@ -2,6 +2,7 @@
 
 mod assumed_link;
 mod battery;
+mod chance;
 mod expiry;
 mod figures;
 mod finite;

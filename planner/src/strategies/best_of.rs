@@ -15,7 +15,9 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::keys::Accepts;
 use skysink_common::message::FlightReport;
 
-use super::{drift_plus_penalty, edf, exact, gfs, hover, look_ahead, max_weight, mes, tour, uts_wide, whittle};
+use super::{
+    drift_plus_penalty, edf, exact, gfs, hover, look_ahead, max_age_first, max_weight, mes, tour, uts_wide, whittle,
+};
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
 use crate::plan::keys::HorizonKeys;
@@ -54,7 +56,7 @@ impl Default for BestOfKeys {
 }
 
 /// The candidates that plan slot by slot.
-const OF_ONE_SLOT: [Registered; 10] = [
+const OF_ONE_SLOT: [Registered; 11] = [
     max_weight::STRATEGY,
     drift_plus_penalty::STRATEGY,
     exact::STRATEGY,
@@ -65,7 +67,11 @@ const OF_ONE_SLOT: [Registered; 10] = [
     uts_wide::STRATEGY,
     edf::STRATEGY,
     whittle::STRATEGY,
+    max_age_first::STRATEGY,
 ];
+
+/// Most sensor nodes: beyond that one strategy takes all the time of a slot.
+const MOST_SENSORS: usize = 2_000;
 
 /// Search steps of the simulated look-ahead in each slot.
 const SHORT_SEARCH: u32 = 60;
@@ -111,9 +117,10 @@ pub struct BestOf {
 }
 
 /// The choice among the look-ahead with these `ahead` keys and the strategies of one slot; the look-ahead alone where
-/// nothing can be simulated, or another objective than the loss counts.
+/// nothing can be simulated, another objective than the loss counts, or there are too many sensor nodes.
 pub(crate) fn best_of(setup: &Setup<'_>, ahead: HorizonKeys, keys: BestOfKeys) -> Box<dyn Strategy> {
-    let simulator = Simulator::of(setup).filter(|_| setup.settings.objective.is_loss());
+    let may_compare = setup.settings.objective.is_loss() && setup.table.sensors.count() <= MOST_SENSORS;
+    let simulator = Simulator::of(setup).filter(|_| may_compare);
     let Some(simulator) = simulator else { return look_ahead::horizon(setup, ahead) };
     let short = HorizonKeys { iterations: ahead.iterations.min(SHORT_SEARCH), ..ahead };
     let candidate = |strategy: Box<dyn Strategy>, simulated: Box<dyn Strategy>, is_stateless: bool| Candidate {
@@ -275,5 +282,19 @@ impl Checkpoint for BestOf {
         }
         self.state = state;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_paired_difference_decides_although_draws_differ_more() {
+        let hard_and_easy = [100.0, 900.0, 500.0, 20.0];
+        let others = hard_and_easy.map(|bits| bits - 9.0 - bits / 1e3);
+        assert!(is_worse(&hard_and_easy, &others) && !is_worse(&others, &hard_and_easy));
+        assert!(!is_worse(&hard_and_easy, &hard_and_easy), "equal ones stay");
+        assert!(!is_worse(&[10.0, 0.0, 10.0, 0.0], &[0.0, 10.0, 0.0, 9.0]), "nothing is decided");
     }
 }
