@@ -17,7 +17,8 @@ impl Checkpoint for Nearest {} // it has no state
 
 impl Strategy for Nearest {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let (table, uav) = (view.table, view.ground());
+        let table = view.table;
+        let uav = view.ground();
         let away_m2 = |id: u32| distance_squared(table.sensors.position(id), &uav);
         let waiting = table.sensors.ids().filter(|&id| view.belief.queues_bits[id as usize] >= 5_000);
         let nearest = waiting.min_by(|&a, &b| away_m2(a).total_cmp(&away_m2(b)))?;

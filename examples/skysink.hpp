@@ -160,6 +160,16 @@ struct SensorNode {
     double weight;
 };
 
+/// Payload element of `answers`: what a sensor node does when it is served in the next slot (decision D33), as a number:
+/// 0 sends its queue, 1 is silent, and sends later, 2 is dead.
+struct NodeAnswer {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.NodeAnswer.v1";
+    /// What it does.
+    uint8_t answer;
+    /// That as the UAVs know it: where queues are estimated, only a contact shows a death.
+    uint8_t known;
+};
+
 /// Bits of the whole field since the mission's start.
 struct Totals {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Totals.v1";
@@ -199,8 +209,7 @@ struct Plan {
     double y_m;
     /// Waypoint, up [m].
     double z_m;
-    /// Bits that the planner expects to collect in the slot; in a flight that another flight-sim has reported, and that
-    /// is repeated, the IEEE 754 bits of its energy after the slot [J].
+    /// Bits that the planner expects to collect in the slot.
     uint64_t expected_bits;
     /// Time that planning took [ns]; 0 if not measured.
     uint64_t plan_ns;
@@ -268,7 +277,7 @@ struct LinkReport {
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 struct FlightReport {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v3";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v4";
     /// Position, east [m].
     double x_m;
     /// Position, north [m].
@@ -294,8 +303,11 @@ struct FlightReport {
     uint32_t refused;
     /// How many of `links` count.
     uint32_t served;
-    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of
-    /// the first counts the slots of the stay.
+    /// Slots that a swap of the battery has taken so far (decision D34); 0 outside of one.
+    uint32_t swapped_slots;
+    /// 0.
+    uint32_t reserved;
+    /// The served links, by ascending sensor node.
     LinkReport links[MAX_SERVED];
 };
 
@@ -342,12 +354,13 @@ static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/src/interfa
 static_assert(sizeof(skysink::SensorsHeader) == 168, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Limits) == 136, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::SensorNode) == 48, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::NodeAnswer) == 2, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::HeardLink) == 12, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::PathPoint) == 32, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::FlightReport) == 2696, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::FlightReport) == 2704, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/src/interfaces.md");

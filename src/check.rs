@@ -26,7 +26,9 @@ use skysink_ring::role::Role;
 use crate::error::Error;
 use crate::options::{Changes, ScenarioFile};
 use crate::report::print;
-use figures::Figures;
+use energy::EnergyFigures;
+use figures::{Figures, KindFigures};
+use motion::MotionFigures;
 use quantity::{joined, percent, scaled};
 use verdict::LossFree;
 
@@ -104,10 +106,16 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     };
     let Figures { above, rim, round, motion, .. } = figures;
     let is_plain = motion.is_plain();
-    let mut rows = vec![(if is_plain { "reach in a slot, V τ" } else { "reach in a slot" }, metres(figures.reach_m))];
-    rows.extend(motion.rows());
+    let mut rows = Vec::new();
+    if figures.kinds.is_empty() {
+        rows.extend(of_uav(figures.reach_m, motion, figures.energy.as_ref()));
+    }
+    for KindFigures { name, uavs, resource_blocks, reach_m, altitude_m, motion, energy } in &figures.kinds {
+        let at = format!("{uavs} at {} (n = {resource_blocks}): {name}", metres(*altitude_m));
+        rows.push(("UAVs", at));
+        rows.extend(of_uav(*reach_m, motion, energy.as_ref()));
+    }
     rows.extend(figures.track.iter().flat_map(|track| track.rows()));
-    rows.extend(figures.energy.iter().flat_map(|energy| energy.rows()));
     rows.extend([
         ("communication radius, d_c", metres(figures.comm_radius_m)),
         (
@@ -138,6 +146,15 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let buffers =
         figures.buffers_bits.map(|buffers_bits| joined(buffers_bits.map(|buffer_bits| bits(buffer_bits.into()))));
     rows.extend(buffers.map(|buffers| ("buffers of SNs", buffers)));
+    rows
+}
+
+/// The rows of a UAV.
+fn of_uav(reach_m: f64, motion: &MotionFigures, energy: Option<&EnergyFigures>) -> Vec<(&'static str, String)> {
+    let name = if motion.is_plain() { "reach in a slot, V τ" } else { "reach in a slot" };
+    let mut rows = vec![(name, scaled(reach_m, "m"))];
+    rows.extend(motion.rows());
+    rows.extend(energy.into_iter().flat_map(EnergyFigures::rows));
     rows
 }
 

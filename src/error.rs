@@ -169,7 +169,8 @@ impl Error {
             (LeftToFly::Nothing, _) => format!("all {slots} slots are recorded"),
             (LeftToFly::Overridden, _) => {
                 format!(
-                    "the run is recorded up to slot {slots}; it is not resumed, as others fly a vehicle, or none flies any more"
+                    "the run is recorded up to slot {slots}; it is not resumed, as others fly a vehicle, or none flies \
+                     any more"
                 )
             }
             (LeftToFly::Slots { options }, Self::Mission(MissionError::File { source, .. }))

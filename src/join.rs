@@ -86,7 +86,8 @@ impl JoinCommand {
         }
         if theirs != Some(ours) {
             return Err(refuse(
-                "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run folder",
+                "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run \
+                 folder",
             ));
         }
         folder.set_global_config()?;

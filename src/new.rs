@@ -75,6 +75,7 @@ Examples:
   skysink new city --sensors nodes.kml --zones zones.geojson
   skysink new city --sensors utm.csv --crs EPSG:25832
   skysink new city --sensors nodes.csv --radio lora-sf7 --drone x500
+  skysink new city --drone x500 --drone m350 --count 2,1
   skysink new city --plan survey.plan --sensors nodes.csv
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
@@ -92,7 +93,7 @@ With --plan, the flight is that of QGroundControl's .plan or ArduPilot's
 .waypoints, with its holds, speeds, fence and home: simulate says what it loses.
 
 With --radio and --drone, links, flight and battery are those of the named
-hardware, and slots suit both.
+hardware, and slots suit both. Of several drones each has --count UAVs.
 
 Python makes scenarios over hills, and of measured links and flights:
   python -m skysink.terrain city --sensors nodes.csv --terrain dem.tif
@@ -153,6 +154,7 @@ impl NewCommand {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
         let scenario = |text: &str, overrides| Scenario::parse(text, &path, overrides).and_then(settings::resolve);
+        self.hardware.check()?;
         // Checks the name before the import.
         let plain = scenario(&text(&self.name, None, &self.hardware.lines()), Overrides::default())?;
         let sources = self.sources(plain.link.comm_radius_m)?;
@@ -300,6 +302,7 @@ fn text(name: &str, field: Option<&NewField>, lines: &Lines) -> String {
         }
         if key.name == "uav" {
             text += field.map_or("", |field| &field.uav);
+            text += lines.each();
         }
     }
     text + field.map_or("", |field| &field.zones)

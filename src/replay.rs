@@ -13,7 +13,7 @@ use clap::Args;
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{CHANNEL, HARVEST, Overrides, RATES, Scenario, TRACE};
+use skysink_common::scenario::{Overrides, Scenario, is_kept_file};
 use skysink_common::stop::Stop;
 use skysink_common::terminal::shell_path;
 use skysink_mission::error::FileContext;
@@ -44,8 +44,8 @@ const OUTCOME: &str = "replay.json";
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| {
-        ["scenario.toml", "sensors.csv", TRACE, HARVEST, CHANNEL, RATES, PLANS, OUTCOME].contains(&name)
-            || is_recording(name)
+        let is_own = ["scenario.toml", "sensors.csv", PLANS, OUTCOME].contains(&name);
+        is_own || is_kept_file(name) || is_recording(name)
     },
     is_temporary: |_| false,
 };

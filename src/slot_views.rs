@@ -18,7 +18,7 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
         let plans: Plans = plans.iter().map(|plan| plan.map(|plan| Plan { plan_ns: 0, ..plan })).collect();
         let view = SlotView {
             slot: plant.slot(),
-            queues_bits: &plant.field().told_bits(),
+            told: plant.field().told(),
             header: &header,
             plans: &plans,
             paths,

@@ -75,7 +75,8 @@ pub fn plan_by(mut make: impl FnMut(&Setup<'_>) -> Box<dyn Strategy>) -> ExitCod
 #[must_use]
 pub fn fly_by(mut vehicles: Vec<Box<dyn OutsideVehicle>>) -> ExitCode {
     let node = |scenario: &Scenario, folder: &_, stop: &_, NoArguments {}: &_| {
-        let (found, expected) = (vehicles.len(), scenario.uav.uavs());
+        let found = vehicles.len();
+        let expected = scenario.uav.uavs();
         if found != expected {
             let message =
                 format_args!("uav.count = {expected}: expected {found}, the number of vehicles of the program");

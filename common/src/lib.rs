@@ -1,47 +1,44 @@
 //! The model: the scenario, the sensor list, the queue ledger, the channel, counted random streams, the messages of the
 //! ring, and written files that are compared with what is there.
 //!
-//! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
+//! Scheduling, flight and bookkeeping are left to the crates that depend on this one. Each folder uses those before it
+//! in this list, and none after it:
+//!
+//! | folder | contents |
+//! |---|---|
+//! | `numbers` | units, random streams, slacks against rounding, shared values |
+//! | `text` | errors, tables, checkpoints, files that are written |
+//! | `space` | positions, where UAVs may fly, and where they land |
+//! | [`geodata`] | maps and reference systems |
+//! | [`keys`] | the keys of a scenario file, and presets |
+//! | [`channel`] | links: laws, draws and rates |
+//! | [`nodes`] | what sensor nodes sample, store and lose, and their features |
+//! | [`scenario`] | the mission as its file says it |
+//! | `messages` | the messages of the ring, the rows of a slot, figures |
+//! | [`sensors`] | the sensor nodes of a mission |
+//! | [`belief`] | what a UAV believes of them |
 
-pub mod airspace;
-pub mod arrivals;
-pub mod base;
-pub mod battery;
 pub mod belief;
-pub mod build;
 pub mod channel;
-pub mod checkpoint;
-pub mod csv_cell;
-mod csv_rows;
-pub mod error;
-pub mod estimate;
-pub mod figure;
-pub mod file_locks;
 pub mod geodata;
-pub mod geometry;
 pub mod keys;
-pub mod ledger;
-pub mod limits;
-pub mod link_places;
-pub mod markup;
-pub mod message;
+mod messages;
 pub mod nodes;
-pub mod option_value;
-pub mod pace;
-pub mod per_sensor;
-pub mod possible;
-pub mod presets;
-pub mod propulsion;
-pub mod queues;
-pub mod random;
-pub mod reported;
-pub mod sampling;
+mod numbers;
 pub mod scenario;
 pub mod sensors;
-pub mod simd;
-pub mod slot_record;
-pub mod stop;
-pub mod terminal;
-pub mod units;
-pub mod weights;
-pub mod written_file;
+mod space;
+mod text;
+
+pub use belief::{estimate, reported};
+pub use geodata::option_value;
+pub use keys::presets;
+pub use messages::{figure, message, possible, slot_record, told};
+pub use nodes::{arrivals, ledger, queues, sampling, weights};
+pub(crate) use numbers::shared;
+pub use numbers::{interpolation, per_sensor, random, simd, slack, units};
+pub use scenario::{battery, limits, loss_rate, propulsion};
+pub use sensors::link_places;
+pub use space::{airspace, base, geometry};
+pub(crate) use text::csv_rows;
+pub use text::{build, checkpoint, csv_cell, error, file_locks, markup, pace, stop, terminal, written_file};

@@ -6,9 +6,14 @@
 
 mod area;
 mod base;
+pub mod battery;
+mod each;
+pub mod limits;
+pub mod loss_rate;
 mod mission;
 mod motion;
 mod preset_rates;
+pub mod propulsion;
 mod rules;
 mod simplified;
 mod sites;
@@ -17,16 +22,17 @@ mod uav;
 mod zones;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use toml::{Table, Value};
 
 pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use crate::nodes::SensorKeys;
-pub use crate::nodes::energy::HARVEST;
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
-pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, name_refusal};
+pub use each::MixedFleet;
+pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, is_kept_file, name_refusal};
 pub use simplified::{SharedZones, SimplifiedZones};
 pub use track::{MOST_TRACK_SLOTS, TimedPoint, slot_ends};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
@@ -73,10 +79,10 @@ pub struct Overrides {
     /// Replaces any keys, before the replacements above.
     pub keys: Vec<Setting>,
     /// Replaces the content of the file `link.file`, which is then not read.
-    pub table: Option<&'static RateTable>,
-    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has no
-    /// places of sensor nodes, they are those of the list.
-    pub map: Option<&'static LinkMap>,
+    pub table: Option<Arc<RateTable>>,
+    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has
+    /// no places of sensor nodes, they are those of the list.
+    pub map: Option<Arc<LinkMap>>,
     /// Replaces the content of the file `uav.track`, which is then not read.
     pub track: Option<String>,
 }
@@ -169,19 +175,23 @@ impl Scenario {
                 table.insert(key.to_owned(), Value::Integer(i64::try_from(number).unwrap_or(-1)));
             }
         }
-        let source = Source { path, settings: &overrides.keys };
+        let source = Source { path, settings: &overrides.keys, own: None };
         presets::expand(&mut table, source)?;
         let has_radius = dotted::value(&table, "link.comm_radius_m").is_some();
         let displaced = rules::displaced_in(&table);
         keys::fill(Self::KEYS, "", &mut table, &displaced);
-        let mut scenario: Self = keys::read(table.clone(), "", source)?;
+        let kinds = each::kind_tables(&table, source)?;
+        let mut scenario: Self = match &kinds[..] {
+            [] => keys::read(table.clone(), "", source)?,
+            kinds => MixedFleet::read(&table, kinds, source)?,
+        };
         path.clone_into(&mut scenario.path);
         scenario.settings = overrides.keys;
         zones::read_files(&mut scenario)?;
         scenario.link.table = match (scenario.channel_file(), overrides.table) {
             (None, _) => None,
             (Some(_), Some(table)) => Some(table),
-            (Some(path), None) => Some(RateTable::read(&path)?.held()),
+            (Some(path), None) => Some(RateTable::read(&path)?.shared()),
         };
         if let Some((rates, radius_m)) = preset_rates::rates(&scenario)? {
             scenario.link.table = Some(rates);
@@ -194,25 +204,47 @@ impl Scenario {
                 None => LinkMap::read(&scenario.beside(file), rates.as_deref())?,
             });
         }
-        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
+        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().shared());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }
         if let Some(slots) = overrides.slots {
-            scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
+            let flight_s = slots as f64 * scenario.slot_s;
+            let must_land = scenario.must_land();
+            scenario.change_each(|uav, own| {
+                let ends_early = must_land && own.is_some_and(|own| own.has("uav.endurance_s"));
+                uav.endurance_s = if ends_early { uav.endurance_s } else { uav.endurance_s.max(flight_s) };
+            });
         }
         let track = track::read_file(&mut scenario, overrides.track)?;
-        let first_m = scenario.uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
-        let middle_m = scenario.middle_m();
-        let start_m = *scenario.uav.start_m.get_or_insert(first_m.unwrap_or(middle_m));
-        if scenario.uav.battery.is_some() || scenario.must_land() {
-            scenario.base.get_or_insert_default();
+        scenario.settle();
+        match &kinds[..] {
+            [] => rules::check(&scenario, &table)?,
+            kinds => {
+                rules::check_fleet(&scenario, &table)?;
+                let mut tables = scenario.kinds().zip(kinds);
+                tables.try_for_each(|(alone, kind)| rules::check(&alone, &kind.file))?;
+            }
         }
-        if let Some(base) = scenario.base.as_mut().filter(|base| base.areas_m.is_none() && base.site.is_none()) {
-            base.position_m.get_or_insert(start_m);
-        }
-        rules::check(&scenario, &table)?;
         track::check(&scenario, track.as_ref())?;
         Ok(scenario)
+    }
+
+    /// Fills in where UAVs start, and the base, by default.
+    fn settle(&mut self) {
+        let middle_m = self.middle_m();
+        self.change_each(|uav, _| {
+            let first_m = uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
+            uav.start_m.get_or_insert(first_m.unwrap_or(middle_m));
+        });
+        self.fleet.iter_mut().for_each(|fleet| Arc::make_mut(fleet).start_at(middle_m));
+        let has_battery = self.uav_kinds().any(|uav| uav.battery.is_some());
+        if has_battery || self.must_land() {
+            self.base.get_or_insert_default();
+        }
+        let start_m = self.uav.start_m;
+        if let Some(base) = self.base.as_mut().filter(|base| base.areas_m.is_none() && base.site.is_none()) {
+            base.position_m = base.position_m.or(start_m);
+        }
     }
 }

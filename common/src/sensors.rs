@@ -6,6 +6,7 @@
 //! | [`grid`] | points by cell, for range queries |
 
 pub mod grid;
+pub mod link_places;
 pub mod list;
 mod rows;
 
@@ -39,11 +40,8 @@ pub struct Sensors {
     pub sampling: Sampling,
     /// Weights of their bits, `w_i` (decision D25).
     pub weights: Weights,
-    /// Whether they may not answer (decision D33): queues are told with [`DEAD`](crate::nodes::DEAD) and
-    /// [`SILENT`](crate::nodes::SILENT).
+    /// Whether they may not answer (decision D33): their [answers](crate::nodes::Answer) are told beside their queues.
     pub may_refuse: bool,
-    /// Whether a loss rate counts their initial queues as sampled (decisions D33 and D36).
-    pub counts_initial: bool,
 }
 
 impl Sensors {
@@ -60,7 +58,6 @@ impl Sensors {
             weights: Weights::new(nodes.iter().map(|node| node.weight).collect(), &sampling),
             sampling,
             may_refuse: false,
-            counts_initial: false,
         }
     }
 
@@ -68,9 +65,9 @@ impl Sensors {
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
         let sensors = Self::new(&Limits::of(scenario), nodes);
-        let NodeTraits { may_refuse, loses_initial, lasting_slots } = scenario.node_traits();
+        let NodeTraits { may_refuse, lasting_slots, .. } = scenario.node_traits();
         let sampling = sensors.sampling.with_lasting_slots(lasting_slots);
-        Self { sampling, may_refuse, counts_initial: loses_initial, ..sensors }
+        Self { sampling, may_refuse, ..sensors }
     }
 
     /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
@@ -92,7 +89,6 @@ impl Sensors {
             )
             .with_lasting_slots(self.sampling.lasting_slots()),
             may_refuse: self.may_refuse,
-            counts_initial: self.counts_initial,
         }
     }
 

@@ -8,17 +8,20 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::ledger::{Ledger, Totals};
-use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
-use skysink_common::nodes::{Answer, NodeFeatures, is_out};
+use skysink_common::message::{FlightReport, NodeAnswer, QueuesHeader, SlotHeader};
+use skysink_common::nodes::{Answer, NodeFeatures};
 use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{beacons, uploads};
+use skysink_common::told::Told;
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     ledger: Ledger,
+    /// What each sensor node does in the next slot, by id; empty if all send.
+    answers: Vec<Answer>,
     /// Slots of the mission.
     slots: u64,
     slot: u64,
@@ -58,7 +61,9 @@ impl Field {
     /// The field of this ledger before slot 1 of a mission of so many slots.
     #[must_use]
     pub fn over(ledger: Ledger, slots: u64) -> Self {
-        Self { ledger, slots, slot: 0, slot_bits: SlotBits::default(), belief: Belief::Known }
+        let mut answers = Vec::new();
+        ledger.fill_answers(&mut answers);
+        Self { ledger, answers, slots, slot: 0, slot_bits: SlotBits::default(), belief: Belief::Known }
     }
 
     /// The field with what the UAV believes before slot 1, instead of known queues.
@@ -117,7 +122,7 @@ impl Field {
         if let Some(link) = links().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
-        let reported = self.belief.reported(slot, links().map(|link| link.sensor), &self.ledger.told_bits());
+        let reported = self.belief.reported(slot, links().map(|link| link.sensor), self.told());
         self.slot = slot;
         self.slot_bits = SlotBits::default();
         for sensors in blocks(count) {
@@ -136,10 +141,11 @@ impl Field {
         if !self.ledger.features().is_empty() {
             self.slot_bits.lost_bits += self.ledger.end_slot(slot, &beacons(flights).collect::<Vec<_>>());
         }
+        self.ledger.fill_answers(&mut self.answers);
         if self.ledger.may_refuse() {
-            queues_bits.into_iter().for_each(|copy| _ = copy.write_copy_of_slice(&self.ledger.told_bits()));
+            queues_bits.into_iter().for_each(|copy| _ = copy.write_copy_of_slice(self.ledger.queues_bits()));
         }
-        self.belief.advance(slot, flights, &reported, &self.ledger.told_bits());
+        self.belief.advance(slot, flights, &reported, Told::new(self.ledger.queues_bits(), &self.answers));
         self.belief.predict(slot);
         Ok(self.slot_bits)
     }
@@ -154,42 +160,40 @@ impl Field {
         self.ledger.queues_bits()
     }
 
-    /// The queues after the slot as the UAV believes them to be [bit], by sensor node, told with the answers that it
-    /// knows ([`Answer::told_bits`]).
-    pub fn told_belief(&self) -> Cow<'_, [u32]> {
-        if !self.ledger.may_refuse() {
-            return Cow::Borrowed(self.believed_bits());
-        }
-        (0..).zip(self.believed_bits()).map(|(id, &bits)| self.believed_answer(id).told_bits(bits)).collect()
+    /// The queues after the slot, and the answers in the next one, as planners are told.
+    pub fn told(&self) -> Told<'_> {
+        Told::new(self.queues_bits(), &self.answers)
     }
 
-    /// What the UAV knows of the answer of the sensor node `sensor`.
-    fn believed_answer(&self, sensor: u32) -> Answer {
-        match self.ledger.told_bits_of(sensor as usize) {
-            told_bits if self.belief.is_dead(told_bits, sensor) => Answer::Dead,
-            told_bits if self.belief.is_out(told_bits, sensor) => Answer::Silent,
-            _ => Answer::Queue,
-        }
+    /// The answers in the next slot with what the UAV knows of them, by sensor node, as messages; none if all send.
+    pub fn node_answers(&self) -> impl Iterator<Item = NodeAnswer> {
+        let known = |id, answer| NodeAnswer { answer: answer as u8, known: self.belief.answer(id, answer) as u8 };
+        (0..).zip(&self.answers).map(move |(id, &answer)| known(id, answer))
     }
 
-    /// Whether the UAV knows that the sensor node `sensor` is dead or silent.
-    pub fn is_out(&self, sensor: u32) -> bool {
-        self.ledger.may_refuse() && self.believed_answer(sensor) != Answer::Queue
+    /// What the UAV knows the sensor node `sensor` to do when it is served in the next slot.
+    pub fn known_answer(&self, sensor: u32) -> Answer {
+        self.belief.answer(sensor, self.told().answer(sensor))
+    }
+
+    /// The same of all sensor nodes, by id; nothing if all send.
+    pub fn known_answers(&self) -> Cow<'_, [Answer]> {
+        if !self.belief.is_estimated() {
+            return Cow::Borrowed(&self.answers);
+        }
+        let mut known = Vec::new();
+        self.belief.answers(&self.answers, &mut known);
+        Cow::Owned(known)
     }
 
     /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be
     /// dead or silent.
     pub fn servable_bits(&self) -> Cow<'_, [u32]> {
-        let mut told_bits = self.told_belief();
-        if self.ledger.may_refuse() {
-            told_bits.to_mut().iter_mut().filter(|bits| is_out(**bits)).for_each(|bits| *bits = 0);
+        if self.answers.is_empty() {
+            return Cow::Borrowed(self.believed_bits());
         }
-        told_bits
-    }
-
-    /// Queue lengths [bit] as planners are told, by sensor node ([`Ledger::told_bits`]).
-    pub fn told_bits(&self) -> Cow<'_, [u32]> {
-        self.ledger.told_bits()
+        let servable = |(id, &bits): (u32, &u32)| if self.known_answer(id).sends() { bits } else { 0 };
+        (0..).zip(self.believed_bits()).map(servable).collect()
     }
 
     /// Bits uploaded so far, by sensor node.
@@ -278,6 +282,7 @@ impl Checkpoint for Field {
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let drawn_bits: Option<Vec<u64>> = drawn_bits.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
         self.ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref(), features)?;
+        self.ledger.fill_answers(&mut self.answers);
         self.slot = slot;
         self.slot_bits = slot_bits;
         belief.predict(slot);

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::belief::Belief;
-use skysink_common::message::{FLAG_END, FLAG_REPEAT, Limits, QueuesHeader, SensorsHeader, Tick};
+use skysink_common::message::{FLAG_END, FLAG_REPEAT, Limits, NodeAnswer, QueuesHeader, SensorsHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -37,6 +37,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let queues = ring.queues.list_writer(count)?;
     let beliefs = ring.belief.as_ref().map(|belief| belief.list_writer(count)).transpose()?;
     let rates = ring.rates.as_ref().map(|rates| rates.list_writer(count)).transpose()?;
+    let answers = ring.answers.as_ref().map(|answers| answers.list_writer(count)).transpose()?;
     let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader()?;
     let mut commits = ring.commit.reader()?;
@@ -52,16 +53,20 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         field.header(ring.header(field.slot(), end | flags))
     };
     sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &known)?;
-    let send_belief = |field: &Field, flags: u32| {
-        let Some(beliefs) = &beliefs else { return Ok(()) };
+    // What a process with the queues of a slot has, too.
+    let send_before = |field: &Field, flags: u32| {
         let head = header(field, flags).head;
+        if let Some(answers) = &answers {
+            answers.send_list(head, &field.node_answers().collect::<Vec<NodeAnswer>>())?;
+        }
+        let Some(beliefs) = &beliefs else { return Ok(()) };
         if let (Some(rates), Some(learnt_bps)) = (&rates, field.belief().learnt_bps(scenario.slot_s)) {
             rates.send_list(head, &learnt_bps.collect::<Vec<_>>())?;
         }
-        beliefs.send_list(QueuesHeader { head, ..QueuesHeader::default() }, &field.told_belief())
+        beliefs.send_list(QueuesHeader { head, ..QueuesHeader::default() }, field.believed_bits())
     };
-    send_belief(&field, 0)?;
-    queues.send_list(header(&field, 0), &field.told_bits())?;
+    send_before(&field, 0)?;
+    queues.send_list(header(&field, 0), field.queues_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
@@ -83,7 +88,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // Saved only after the last slot is committed: a restart before that publishes the last slot again, too.
         commits.wait_until(&mut wait, slot - 1)?;
         save(&mut journal, &reports, &field)?;
-        send_belief(&field, 0)?;
+        send_before(&field, 0)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field, 0)) }?;
     }
@@ -91,8 +96,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => {
-            send_belief(&field, FLAG_REPEAT)?;
-            queues.send_list(header(&field, FLAG_REPEAT), &field.told_bits())
+            send_before(&field, FLAG_REPEAT)?;
+            queues.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
         }
     })
 }

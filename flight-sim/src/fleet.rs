@@ -3,11 +3,13 @@
 //! What one UAV does is left to [`crate::flight`].
 
 use nalgebra::Point3;
+use skysink_common::interpolation::interpolate;
 use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 
 use crate::flight::Flight;
+use crate::orders::Orders;
 
 /// The UAVs of a mission over their field.
 #[derive(Debug, Clone)]
@@ -24,7 +26,7 @@ pub struct Fleet {
 struct Pads {
     /// By site: how many it has.
     all: Vec<u32>,
-    /// By site: how many are free for the UAVs that have yet to move.
+    /// By site: how many are free for the UAVs that have yet to move and are not in a swap.
     free: Vec<u32>,
 }
 
@@ -35,14 +37,22 @@ impl Pads {
         Self { all: sites.map(|site| site.charger.pads).collect(), free: Vec::new() }
     }
 
-    /// Begins a slot.
-    fn release(&mut self) {
+    /// Begins a slot in which the UAVs charge of whose number `charges` is true: those that have begun a swap of their
+    /// battery keep their pads.
+    fn begin(&mut self, uavs: &[Flight], charges: impl Fn(usize) -> bool) {
         self.free.clone_from(&self.all);
+        if self.free.is_empty() {
+            return;
+        }
+        let is_swapping = |(number, uav): &(usize, &Flight)| uav.vehicle.swapped_slots > 0 && charges(*number);
+        for site in uavs.iter().enumerate().filter(is_swapping).filter_map(|(_, uav)| uav.vehicle.pad_site()) {
+            self.free[site] = self.free[site].saturating_sub(1);
+        }
     }
 
-    /// Takes a pad for `uav`, if it is to charge; whether it has to wait for one.
+    /// Takes a pad for `uav`, if it is to charge and has none; whether it has to wait for one.
     fn refuses(&mut self, uav: &Flight, charges: bool) -> bool {
-        if !charges || self.free.is_empty() {
+        if !charges || self.free.is_empty() || uav.vehicle.swapped_slots > 0 {
             return false;
         }
         let Some(site) = uav.vehicle.pad_site() else { return false };
@@ -56,10 +66,15 @@ impl Fleet {
     /// The UAVs at their starts, over the published sensor nodes.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let first = Flight::new(scenario, sensors);
-        let last = |uav: usize| scenario.uav.endurances_s.as_ref().map_or(u64::MAX, |_| scenario.slots_of(uav));
+        let mut kinds: Vec<Flight> = Vec::new();
+        for kind in scenario.kinds() {
+            let flight = kinds.first().map_or_else(|| Flight::new(&kind, sensors), |first| first.of_kind(&kind));
+            kinds.push(flight);
+        }
+        let last = |uav: usize| scenario.endurance_s_of(uav).map_or(u64::MAX, |_| scenario.slots_of(uav));
+        let flight = |(uav, start)| kinds[scenario.kind_of(uav)].of_uav(uav, start, last(uav));
         Self {
-            uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start, last(uav))).collect(),
+            uavs: scenario.starts().enumerate().map(flight).collect(),
             separation_m: scenario.uav.separation_m.unwrap_or(0.0),
             slot_s: scenario.slot_s,
             pads: Pads::of(scenario),
@@ -91,9 +106,10 @@ impl Fleet {
     ///
     /// A waypoint too near to the end of a UAV of lower number is refused (decision D23). A sensor node that a UAV of
     /// lower number serves is not served again; such requests count among those refused (decision D19). Of the UAVs
-    /// that charge in a site those of the lowest numbers have its pads (decision D34).
+    /// that charge in a site those have its pads that have begun a swap, then those of the lowest numbers (decision
+    /// D34).
     pub fn step<'a>(&mut self, slot: u64, plan_of: impl Fn(usize) -> Option<&'a Plan>, reports: &mut [FlightReport]) {
-        self.pads.release();
+        self.pads.begin(&self.uavs, |number| self.uavs[number].charges(slot, plan_of(number)));
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let (lower, rest) = reports.split_at_mut(number);
             let plan = plan_of(number);
@@ -153,10 +169,12 @@ impl Fleet {
         plan_of: impl Fn(usize) -> Option<&'a Plan>,
         reports: &mut [FlightReport],
     ) {
-        self.pads.release();
+        let charges =
+            |uav: &Flight, report: &FlightReport| report.flown_mode() == Mode::Charge && !uav.is_reported_down();
+        self.pads.begin(&self.uavs, |number| charges(&self.uavs[number], &reports[number]));
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let (lower, rest) = reports.split_at_mut(number);
-            let awaits_pad = self.pads.refuses(uav, rest[0].flown_mode() == Mode::Charge && !uav.is_reported_down());
+            let awaits_pad = self.pads.refuses(uav, charges(uav, &rest[0]));
             uav.observe(slot, plan_of(number), awaits_pad, &mut rest[0]);
             leave_to(lower, &mut rest[0]);
             uav.share_time(&mut rest[0]);
@@ -171,18 +189,18 @@ impl Fleet {
         links
     }
 
-    /// Repeats `slot` as another flight-sim has reported it ([`Flight::repeat`]).
-    pub fn repeat<'a>(
-        &mut self,
-        slot: u64,
-        report_of: impl Fn(usize) -> Option<&'a Plan>,
-        reports: &mut [FlightReport],
-    ) {
-        for (number, (uav, report)) in self.uavs.iter_mut().zip(reports).enumerate() {
-            *report = match report_of(number) {
-                Some(flown) => uav.repeat(slot, flown),
-                None => uav.step(slot, None),
-            };
+    /// Flies `slot` by `orders`: plans as [`Self::step`] does, or reported flights again ([`Flight::repeat`]).
+    ///
+    /// # Panics
+    /// If there is not one order for each UAV.
+    pub fn fly(&mut self, slot: u64, orders: &Orders, reports: &mut [FlightReport]) {
+        let reported = match orders {
+            Orders::Plans(plans) => return self.step(slot, |uav| plans[uav].as_ref(), reports),
+            Orders::Reports(reported) => reported,
+        };
+        assert_eq!(reported.len(), self.uavs.len(), "expected a flight of each UAV");
+        for (uav, (reported, report)) in self.uavs.iter_mut().zip(reported.iter().zip(reports)) {
+            *report = uav.repeat(slot, reported);
             report.time_s = slot as f64 * self.slot_s;
             uav.share_time(report);
         }
@@ -191,9 +209,10 @@ impl Fleet {
 
 /// The point of the way from `from` to `to` that is nearest to `at`, seen from above.
 fn nearest_between(from: &Point3<f64>, to: &Point3<f64>, at: &Point3<f64>) -> Point3<f64> {
-    let (way, rest) = ((to - from).xy(), (at - from).xy());
+    let way = (to - from).xy();
+    let rest = (at - from).xy();
     let part = if way.norm_squared() > 0.0 { way.dot(&rest) / way.norm_squared() } else { 0.0 };
-    from + (to - from) * part.clamp(0.0, 1.0)
+    interpolate(*from, *to, part.clamp(0.0, 1.0))
 }
 
 /// Takes the links out of `report` to sensor nodes that a flight of `lower` serves.
@@ -219,6 +238,7 @@ fn leave_to(lower: &[FlightReport], report: &mut FlightReport) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::orders::ReportedFlight;
     use proptest::prelude::*;
     use skysink_common::channel::carried_bits;
     use skysink_common::checkpoint::Checkpoint as _;
@@ -259,9 +279,16 @@ mod tests {
     #[test]
     fn a_repeated_slot_has_the_time_of_the_slot() {
         let mut fleet = fleet("");
-        let plan = Plan::fly_to([55.0, 50.0, 20.0], Mode::Fly);
+        let flown = ReportedFlight {
+            position: [55.0, 50.0, 20.0].into(),
+            mode: Mode::Fly,
+            served: Vec::new(),
+            refused: 0,
+            energy_j: f64::INFINITY,
+        };
         let mut reports = fleet.start();
-        fleet.repeat(3, |_| Some(&plan), &mut reports);
+        let orders = Orders::Reports(reports.iter().map(|_| flown.clone()).collect());
+        fleet.fly(3, &orders, &mut reports);
         assert!(reports.iter().all(|report| report.time_s == 6.0 && report.x_m == 55.0), "{reports:?}");
     }
 
@@ -301,7 +328,8 @@ mod tests {
                 Plan::fly_to([x_m, 50.0, 20.0], mode)
             };
             let plans: Vec<Plan> = modes.chars().zip([50.0, 60.0]).map(of).collect();
-            let (mut restarted, mut saved) = (fleet.clone(), Vec::new());
+            let mut restarted = fleet.clone();
+            let mut saved = Vec::new();
             reports.save(&mut saved);
             let mut again = fleet.start();
             again.restore(&saved).unwrap();
@@ -348,6 +376,28 @@ mod tests {
             assert!((flown[slot][0].0 - expected_j).abs() < 1e-9, "slot {}: {flown:?}", slot + 1);
         }
         assert_eq!(flown[2][1], (1_000.0, 0));
+    }
+
+    #[test]
+    fn a_uav_that_has_begun_a_swap_keeps_the_pad() {
+        // A swap is three slots. The second UAV begins it while the first hovers; the first comes in slot 2, waits for
+        // slots 2 and 3, and has the pad in slots 4 to 6.
+        let flown = at_one_site("swap_s = 5.0\npads = 1", &["hc", "cc", "cc", "cc", "cc", "cc"]);
+        assert_eq!(flown.iter().map(|slot| slot[0].1).collect::<Vec<_>>(), [0, 1, 1, 0, 0, 0]);
+        let hovered_j = 500.0 - 336.98;
+        for (slot, expected_j) in
+            [hovered_j, hovered_j, hovered_j, hovered_j, hovered_j, 1_000.0].into_iter().enumerate()
+        {
+            assert!((flown[slot][0].0 - expected_j).abs() < 1e-9, "slot {}: {flown:?}", slot + 1);
+        }
+        let second: Vec<(f64, u32)> = flown.iter().map(|slot| slot[1]).collect();
+        assert_eq!(second, [500.0, 500.0, 1_000.0, 1_000.0, 1_000.0, 1_000.0].map(|energy_j| (energy_j, 0)));
+        // Who leaves the pad in the middle of a swap has no claim to it.
+        let flown = at_one_site("swap_s = 5.0\npads = 1", &["hc", "ch", "cc", "cc"]);
+        assert_eq!(flown.iter().map(|slot| slot[1].1).collect::<Vec<_>>(), [0, 0, 1, 1]);
+        // A charge is not a swap: the lower number has the pad as soon as it comes.
+        let flown = at_one_site("charge_w = 100.0\npads = 1", &["hc", "cc"]);
+        assert_eq!(flown[1].map(|(_, refused)| refused), [0, 1]);
     }
 
     #[test]

@@ -5,11 +5,14 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector2};
 use skysink_common::channel::{Channel, Draw, DrawnChannel, LinkBudget, LinkService};
 use skysink_common::geometry::{Position, within};
-use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
+use skysink_common::message::{
+    FlightReport, HeardLink, HoldReason, LinkReport, MAX_SERVED, Mode, Plan, SensorNode, SolverOutcome,
+};
 use skysink_common::random::{Purpose, Streams, normal_pair};
 use skysink_common::scenario::Scenario;
 
 use crate::contacts::SlotContacts;
+use crate::orders::ReportedFlight;
 use crate::vehicle::Vehicle;
 
 /// A UAV over its field.
@@ -40,6 +43,11 @@ impl Flight {
     /// The first UAV at its start, over the published sensor nodes.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let positions = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
+        Self::over(scenario, positions, sensors.iter().map(|sensor| sensor.gain).collect())
+    }
+
+    fn over(scenario: &Scenario, positions: Arc<[Position]>, gains: Arc<[f64]>) -> Self {
         Self {
             uav: 0,
             last: u64::MAX,
@@ -53,9 +61,14 @@ impl Flight {
             is_reported_down: false,
             position_error_m: scenario.uav.position_error_m,
             vehicle: Vehicle::new(scenario),
-            positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
-            gains: sensors.iter().map(|sensor| sensor.gain).collect(),
+            positions,
+            gains,
         }
+    }
+
+    /// A UAV of another kind, with the keys of `scenario`, over the same field.
+    pub(crate) fn of_kind(&self, scenario: &Scenario) -> Self {
+        Self::over(scenario, Arc::clone(&self.positions), Arc::clone(&self.gains))
     }
 
     /// The UAV number `uav` at its start, over the same field.
@@ -127,7 +140,7 @@ impl Flight {
     pub fn restore(&mut self, report: &FlightReport) {
         self.vehicle.position = report.position();
         self.vehicle.energy_j = report.energy_j;
-        self.vehicle.swapped_slots = report.swapped_slots();
+        self.vehicle.swapped_slots = report.swapped_slots;
         self.is_reported_down = report.mode == Mode::Down as u32;
         self.contacts.restore(report);
     }
@@ -191,31 +204,33 @@ impl Flight {
         FlightReport { hold: reason as u32, refused, ..self.report(mode) }
     }
 
-    /// Repeats `slot` as another flight-sim has reported it: the waypoint of `report` is the position, wherever it
-    /// lies, and its mode, refusals and schedule are those flown. The links are those of the scenario's channel.
+    /// Repeats `slot` as another flight-sim has `reported` it: wherever it ended, with its mode, its energy and as many
+    /// requests. The links are those of the scenario's channel.
     #[must_use]
-    pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
+    pub fn repeat(&mut self, slot: u64, reported: &ReportedFlight) -> FlightReport {
         self.begin();
-        let mode = Mode::from_repr(report.mode).unwrap_or_default();
-        if mode == Mode::Charge && report.served > 0 && !self.is_over(slot) && self.vehicle.pad_site().is_some() {
-            self.vehicle.position = report.waypoint();
-            self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
+        let ReportedFlight { mode, position, refused, energy_j, ref served } = *reported;
+        let served = &served[..served.len().min(MAX_SERVED)];
+        let requests = (served.len() as u32).saturating_add(refused); // at most MAX_SERVED of them are served
+        if mode == Mode::Charge && requests > 0 && !self.is_over(slot) && self.vehicle.pad_site().is_some() {
+            self.vehicle.position = position;
+            self.vehicle.correct_energy(energy_j);
             return self.await_pad();
         }
         if mode == Mode::Charge && !self.vehicle.is_down() {
             let _ = self.vehicle.charge();
-            self.vehicle.position = report.waypoint();
+            self.vehicle.position = position;
         } else if !self.vehicle.is_down() {
-            self.vehicle.move_to(report.waypoint());
+            self.vehicle.move_to(position);
         }
-        self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
+        self.vehicle.correct_energy(energy_j);
         let mut repeated = self.report(mode);
-        let known = report.scheduled().iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
+        let known = served.iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
         for (link, &sensor) in repeated.links.iter_mut().zip(known) {
             *link = self.link_report(slot, sensor);
             repeated.served += 1;
         }
-        repeated.refused = report.served - repeated.served;
+        repeated.refused = requests - repeated.served;
         if repeated.mode == Mode::Hold as u32 {
             let reason = if repeated.refused > 0 { HoldReason::Waypoint } else { HoldReason::NoPlan };
             repeated.hold = reason as u32;
@@ -242,10 +257,10 @@ impl Flight {
         } else if mode == Mode::Charge {
             let _ = self.vehicle.charge();
             self.vehicle.position = report.position();
-            *report = report.swapping(self.vehicle.swapped_slots);
         } else {
             self.vehicle.move_to(report.position());
         }
+        report.swapped_slots = self.vehicle.swapped_slots;
         if report.energy_j.is_finite() {
             self.vehicle.correct_energy(report.energy_j);
         }
@@ -289,7 +304,8 @@ impl Flight {
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
-        let (sensor_at, uav_at) = (&self.positions[index], &self.vehicle.position);
+        let sensor_at = &self.positions[index];
+        let uav_at = &self.vehicle.position;
         let of_place = |uav_at: &Point3<f64>| self.channel.law().uplink(self.gains[index], sensor_at, uav_at);
         let uplink = of_place(uav_at);
         let from = self.seen_from.as_ref().unwrap_or(uav_at);
@@ -326,8 +342,11 @@ impl Flight {
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
-        let report = FlightReport { energy_j: self.vehicle.energy_j, ..FlightReport::at(self.vehicle.position, mode) };
-        if mode == Mode::Charge { report.swapping(self.vehicle.swapped_slots) } else { report }
+        FlightReport {
+            energy_j: self.vehicle.energy_j,
+            swapped_slots: if mode == Mode::Charge { self.vehicle.swapped_slots } else { 0 },
+            ..FlightReport::at(self.vehicle.position, mode)
+        }
     }
 }
 
@@ -359,11 +378,15 @@ mod tests {
     #[test]
     fn a_reported_flight_is_replayed_exactly() {
         let mut flight = flight();
-        let mut report = Plan::fly_to([-3.0, 50.5, 21.0], Mode::Hold);
-        report.schedule(&[3, 0]);
-        report.served += 2; // refused
-        let repeated = flight.repeat(1, &report);
-        assert_eq!((repeated.position(), served(&repeated)), (report.waypoint(), vec![3, 0]));
+        let reported = ReportedFlight {
+            position: [-3.0, 50.5, 21.0].into(),
+            mode: Mode::Hold,
+            served: vec![3, 0],
+            refused: 2,
+            energy_j: f64::INFINITY,
+        };
+        let repeated = flight.repeat(1, &reported);
+        assert_eq!((repeated.position(), served(&repeated)), (reported.position, vec![3, 0]));
         assert_eq!(
             (repeated.mode, repeated.refused, repeated.hold),
             (Mode::Hold as u32, 2, HoldReason::Waypoint as u32)
@@ -379,8 +402,9 @@ mod tests {
             let text = format!("name = 'a'\n{battery}");
             let scenario = Scenario::parse(&text, std::path::Path::new("a"), Overrides::default()).unwrap();
             let mut flight = Flight::new(&scenario, &[]);
-            let report = Plan { expected_bits: 0.0_f64.to_bits(), ..plan(&[]) };
-            assert_eq!(flight.repeat(1, &report).energy_j, expected_j);
+            let position = plan(&[]).waypoint();
+            let reported = ReportedFlight { position, mode: Mode::Serve, served: vec![], refused: 0, energy_j: 0.0 };
+            assert_eq!(flight.repeat(1, &reported).energy_j, expected_j);
         }
     }
 

@@ -9,8 +9,10 @@ pub mod flight;
 pub mod journal;
 #[cfg(feature = "node")]
 pub mod node;
+pub mod orders;
 pub mod outside;
 pub mod vehicle;
 
 pub use fleet::Fleet;
 pub use flight::Flight;
+pub use orders::{Orders, ReportedFlight};

@@ -7,7 +7,7 @@ use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, HoldReason, Plan, SensorNode};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, Plans};
+use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -17,17 +17,14 @@ use skysink_ring::topics::{Ring, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
 use crate::fleet::Fleet;
-#[cfg(doc)]
-use crate::flight::Flight;
 use crate::journal::{journal, restore};
+use crate::orders::Orders;
 use crate::outside::{OutsideFleet, OutsideVehicle};
 
 /// A recorded flight, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
-    /// The plan for the recorded flight of a UAV, by its number, in a slot, from 1; `None` if there was none in time.
-    pub plan_of: &'a dyn Fn(usize, u64) -> Option<Plan>,
-    /// Whether the plans are the flights that another flight-sim has reported, as [`Flight::repeat`] takes them.
-    pub are_reports: bool,
+    /// The orders for the recorded flights of a slot, from 1; `None` if it was not flown.
+    pub orders_of: &'a dyn Fn(u64) -> Option<Orders>,
     /// Shortest time between two slots.
     pub period: Option<Duration>,
 }
@@ -59,8 +56,8 @@ pub fn replay<S: Service + 'static>(
 }
 
 /// Lets vehicles from outside fly until the mission ends, with the scenario's channel above where they are. A slot that
-/// ends farther than `reached_m` [m] from its waypoint, such as [`REACHED_M`](crate::outside::REACHED_M), has not reached
-/// it.
+/// ends farther than `reached_m` [m] from its waypoint, such as [`REACHED_M`](crate::outside::REACHED_M), has not
+/// reached it.
 ///
 /// # Errors
 /// As [`run`], and those of the vehicles.
@@ -118,12 +115,9 @@ impl Flying<'_> {
             Self::Recorded { fleet, recorded, next } => {
                 wait.sleep_until(*next)?;
                 *next = Instant::now() + recorded.period.unwrap_or_default();
-                let plans: Plans = (0..reports.len()).map(|uav| (recorded.plan_of)(uav, slot)).collect();
-                let plan_of = |uav: usize| plans[uav].as_ref();
-                if recorded.are_reports {
-                    fleet.repeat(slot, plan_of, reports);
-                } else {
-                    fleet.step(slot, plan_of, reports);
+                match (recorded.orders_of)(slot) {
+                    Some(orders) => fleet.fly(slot, &orders, reports),
+                    None => fleet.step(slot, |_| None, reports),
                 }
             }
             Self::Outside { fleet, vehicles } => {

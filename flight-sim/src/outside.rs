@@ -82,8 +82,8 @@ pub struct OutsideFleet {
     sensors: Vec<SensorNode>,
     /// Time of communication in a slot [s].
     comm_s: f64,
-    /// The altitude of all waypoints [m]; `None` if they have their own.
-    altitude_m: Option<f64>,
+    /// By UAV: the altitude of its waypoints [m]; `None` if they have their own.
+    altitudes_m: ByUav<Option<f64>>,
     reached_m: f64,
 }
 
@@ -97,7 +97,7 @@ impl OutsideFleet {
             area: scenario.area.clone(),
             sensors: sensors.to_vec(),
             comm_s: scenario.link.comm_s,
-            altitude_m: scenario.uav.fixed_altitude_m(),
+            altitudes_m: (0..scenario.uav.uavs()).map(|uav| scenario.uav_of(uav).fixed_altitude_m()).collect(),
             reached_m,
         }
     }
@@ -113,7 +113,7 @@ impl OutsideFleet {
             let stay = Plan::fly_to(position, Mode::Hold);
             let mut plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
             // Whatever its altitude was: a plan keeps the one that it finds.
-            plan.z_m = self.altitude_m.unwrap_or(plan.z_m);
+            plan.z_m = self.altitudes_m[uav].unwrap_or(plan.z_m);
             SlotOrder { slot, uav, position, plan, hold, ends_ns: None }
         };
         self.fleet.positions().enumerate().map(order).collect()

@@ -9,10 +9,7 @@ use skysink_common::battery::Battery;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::HoldReason;
 use skysink_common::scenario::Scenario;
-
-/// Relative slack at the border of the area and of zones, and at the limits of a climb, for waypoints that are rounded
-/// outside.
-const SLACK: f64 = 1e-9;
+use skysink_common::slack::ALTITUDE_SLACK;
 
 /// A UAV at a fixed altitude, or with a range of altitudes.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +21,7 @@ pub struct Vehicle {
     /// Energy in the battery [J]; infinite without one.
     pub energy_j: f64,
     /// Slots that a swap of the battery has taken so far; 0 outside of one.
-    pub(crate) swapped_slots: u64,
+    pub(crate) swapped_slots: u32,
     battery: Battery,
     base: Option<Base>,
     airspace: Arc<Airspace>,
@@ -81,9 +78,9 @@ impl Vehicle {
         let charger = self.base.as_ref().and_then(|base| base.charger_at(&self.position.xy()));
         let battery = charger.map_or(self.battery, |charger| self.battery.at(charger));
         let is_swapping = battery.is_swapped() && self.energy_j < battery.capacity_j;
-        self.swapped_slots = if is_swapping { self.swapped_slots + 1 } else { 0 };
+        self.swapped_slots = if is_swapping { self.swapped_slots.saturating_add(1) } else { 0 };
         self.energy_j = match is_swapping {
-            true => battery.charged_for_j(self.energy_j, self.swapped_slots as f64),
+            true => battery.charged_for_j(self.energy_j, self.swapped_slots.into()),
             false => battery.charged_j(self.energy_j),
         };
         true
@@ -106,7 +103,7 @@ impl Vehicle {
     /// outside of zones.
     pub fn fly_to(&mut self, waypoint: Point3<f64>, error_m: Option<Vector2<f64>>) -> HoldReason {
         let area = &self.scenario.area;
-        let border_m = SLACK * area.width_m().max(area.height_m());
+        let border_m = area.border_slack_m();
         let ground = waypoint.xy();
         let is_in_reach = area.contains(&ground, border_m) && self.scenario.reaches(&self.position.xy(), &ground);
         let [lowest_m, highest_m] = self.scenario.altitudes_m(self.position.z);
@@ -114,7 +111,7 @@ impl Vehicle {
             None if waypoint.z.is_finite() => self.position.z,
             _ => waypoint.z,
         };
-        let slack_m = SLACK * highest_m;
+        let slack_m = ALTITUDE_SLACK * highest_m;
         let is_possible = is_in_reach && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
         let z_m = z_m.clamp(lowest_m, highest_m);
         let from = self.position.xy();

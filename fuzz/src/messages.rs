@@ -48,7 +48,9 @@ fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
     };
     assert!(known, "a link to an unknown SN is accepted");
     balanced(field, capacity_bits);
-    let (now, then, idle) = (field.totals(), before.totals(), unserved.totals());
+    let now = field.totals();
+    let then = before.totals();
+    let idle = unserved.totals();
     assert_eq!((now.sampled_bits, now.lost_bits), (idle.sampled_bits, idle.lost_bits), "lost because of a flight");
     assert_eq!(now.delivered_bits - then.delivered_bits, bits.delivered_bits);
     assert_eq!(now.lost_bits - then.lost_bits, bits.lost_bits);
@@ -61,7 +63,8 @@ fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
 
 /// Fails unless the ledger of a field balances.
 pub fn balanced(field: &Field, capacity_bits: u32) {
-    let (queues, totals) = (field.queues_bits(), field.totals());
+    let queues = field.queues_bits();
+    let totals = field.totals();
     assert!(totals.is_balanced(), "{totals:?}");
     assert!(queues.iter().all(|&queue| queue <= capacity_bits), "{queues:?}");
     assert_eq!(queues.iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
@@ -92,7 +95,7 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     let area = &scenario.area;
     let here = report.position().xy();
     assert!(within(&before.position().xy(), &here, scenario.reach_m()), "{before:?}, {report:?}");
-    let rounding_m = 1e-9 * area.width_m().max(area.height_m()); // of a waypoint on the border
+    let rounding_m = area.border_slack_m();
     assert!(area.contains(&here, rounding_m), "{report:?}");
     let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
     assert!((lowest_m..=highest_m).contains(&report.z_m), "{lowest_m} to {highest_m}: {report:?}");

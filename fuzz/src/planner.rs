@@ -7,6 +7,7 @@ use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode};
 use skysink_common::possible::are_possible_paths;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::UAV;
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
 use skysink_planner::{FleetPlanner, Planner};
@@ -65,15 +66,18 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
         assert_eq!(saved(planner), original);
         assert_ne!(checkpoint, original, "a checkpoint of its own is refused");
     }
-    planner.observe(FLOWN_SLOTS, &[here], &queues);
-    let plan = planner.step(FLOWN_SLOTS + 1, &[here], &queues)[UAV];
+    let told = Told::from(&queues);
+    let sensed = Sensed { slot: FLOWN_SLOTS, flights: &[here], told, received: &Received::NOTHING };
+    planner.observe(&sensed);
+    let plan = planner.step(&sensed)[UAV];
     let report = fly(&scenario, &list.nodes(), &here, FLOWN_SLOTS + 1, &plan);
     let mut again = FleetPlanner::from(Planner::new(&scenario, &list.nodes()).expect("its keys were checked"));
     again.restore(&saved(planner)).expect("what a planner saves is a checkpoint");
     assert_eq!(saved(&again), saved(planner));
     let [plan, same] = [planner, &mut again].map(|planner| {
-        planner.observe(FLOWN_SLOTS + 1, &[report], &queues);
-        Plan { plan_ns: 0, ..planner.step(FLOWN_SLOTS + 2, &[report], &queues)[UAV] }
+        let sensed = Sensed { slot: FLOWN_SLOTS + 1, flights: &[report], told, received: &Received::NOTHING };
+        planner.observe(&sensed);
+        Plan { plan_ns: 0, ..planner.step(&sensed)[UAV] }
     });
     assert_eq!(format!("{plan:?}"), format!("{same:?}"));
     Ok(())

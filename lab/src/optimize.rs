@@ -1,4 +1,5 @@
-//! `skysink optimize`: the best known flight of a mission, and bounds on the loss, the cost or the score of every flight.
+//! `skysink optimize`: the best known flight of a mission, and bounds on the loss, the cost or the score of every
+//! flight.
 //!
 //! The candidates are the plan of a long search before take-off (`offline`, with known queues) and the flights of all
 //! strategies. The best one is written as a run.
@@ -13,6 +14,7 @@ use clap::Args;
 use serde::Serialize;
 use skysink_common::build::VERSION;
 use skysink_common::error::InputError;
+use skysink_common::loss_rate::fraction;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -25,7 +27,7 @@ use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
 use crate::unflown::UnflownFlights;
-use skysink_mission::bounds::{MissionBounds, bounds, fraction, loss_rate};
+use skysink_mission::bounds::{MissionBounds, bounds, loss_rate};
 use skysink_mission::meter::MissionMeter;
 use skysink_mission::metrics::Metric;
 

@@ -195,7 +195,9 @@ impl Library {
         let best = self.best(&instance)?;
         let gap = best.as_ref().and_then(|best| Some(gap(best.measure, best.value, best.bound?)));
         let open = self.open(instance)?;
-        let (sensors, uavs, slots) = (open.list.sensors().len(), open.scenario.uav.uavs(), open.scenario.slots);
+        let sensors = open.list.sensors().len();
+        let uavs = open.scenario.uav.uavs();
+        let slots = open.scenario.slots;
         Ok(ListedInstance { sensors, uavs, slots, best, gap, instance: open.instance })
     }
 

@@ -122,7 +122,7 @@ pub(crate) fn too_large(path: &Path) -> InputError {
 /// Refuses a header without a column that every plan file over this scenario has, or with an unknown or a repeated one.
 fn check_header(header: &csv::StringRecord, path: &Path, scenario: &Scenario) -> Result<(), InputError> {
     let refuse = |what: String| InputError::new(PLAN, path, what);
-    let of_model = [("uav", scenario.uav.uavs() > 1), ("z_m", scenario.uav.climb().is_some())];
+    let of_model = [("uav", scenario.uav.uavs() > 1), ("z_m", scenario.uav_kinds().any(|uav| uav.climb().is_some()))];
     let of_model = of_model.iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name);
     let mut required = COLUMNS[..REQUIRED].iter().chain(of_model);
     if let Some(missing) = required.find(|name| !header.iter().any(|column| column == **name)) {
@@ -194,26 +194,32 @@ pub(crate) fn parse(
                 false => format!("slot {slot}{uav}"),
             }));
         }
-        moves.push(planned(row, line, scenario).map_err(|expected| refuse(&expected))?);
+        let altitude_m = scenario.uav_of(moves.len()).altitude_m;
+        moves.push(planned(row, line, altitude_m).map_err(|expected| refuse(&expected))?);
     }
+    whole(flights, scenario).map_err(|message| refuse(&message))
+}
+
+/// The flights, if there are some and each has all slots of the mission; otherwise what is missing.
+fn whole(flights: BTreeMap<u64, PlannedFlight>, scenario: &Scenario) -> Result<BTreeMap<u64, PlannedFlight>, String> {
     let is_whole = |flight: &PlannedFlight| {
         flight.len() as u64 == scenario.slots && flight.iter().all(|moves| moves.len() == scenario.uav.uavs())
     };
     match flights.iter().find(|(_, flight)| !is_whole(flight)) {
         None if !flights.is_empty() => Ok(flights),
-        None => Err(refuse(&format!("it has no slot: expected rows {EXPECTED}"))),
+        None => Err(format!("it has no slot: expected rows {EXPECTED}")),
         Some((seed, flight)) => {
             let [found, expected] = [flight.len() as u64, scenario.slots];
             let after = flight.last().map_or(0, |moves| moves.len());
             let missing = if after < scenario.uav.uavs() { format!(" before UAV {after}") } else { String::new() };
             let at = format_args!("it ends in slot {found} of seed {seed}{missing}");
-            Err(refuse(&format!("{at}: expected {expected} slots of each UAV")))
+            Err(format!("{at}: expected {expected} slots of each UAV"))
         }
     }
 }
 
-/// The move of a row.
-fn planned(row: PlanRow, line: usize, scenario: &Scenario) -> Result<PlannedMove, String> {
+/// The move of a row, at the altitude `altitude_m` [m] without one.
+fn planned(row: PlanRow, line: usize, altitude_m: f64) -> Result<PlannedMove, String> {
     let ids = row.scheduled.split_ascii_whitespace().map(|id| id.parse().ok()).collect::<Option<Vec<u32>>>();
     let scheduled = ids.filter(|ids| ids.len() <= MAX_SERVED && ids.is_sorted_by(|a, b| a < b));
     let scheduled =
@@ -223,7 +229,7 @@ fn planned(row: PlanRow, line: usize, scenario: &Scenario) -> Result<PlannedMove
         Some(name) => name.parse().map_err(|_| format!("a mode, as in slots.csv, not `{}`", quoted(&name)))?,
         None => by_default,
     };
-    let position = Point3::new(row.x_m, row.y_m, row.z_m.unwrap_or(scenario.uav.altitude_m));
+    let position = Point3::new(row.x_m, row.y_m, row.z_m.unwrap_or(altitude_m));
     if !position.iter().all(|coordinate_m| coordinate_m.is_finite()) {
         return Err("a position of finite numbers".to_owned());
     }
@@ -235,7 +241,9 @@ fn planned(row: PlanRow, line: usize, scenario: &Scenario) -> Result<PlannedMove
 pub(crate) fn write(name: &str, flights: &BTreeMap<u64, PlannedFlight>, scenario: &Scenario) -> Vec<u8> {
     let moves = || flights.values().flatten().flatten();
     let has_uav = scenario.uav.uavs() > 1;
-    let has_z = scenario.uav.climb().is_some() || moves().any(|one| one.position.z != scenario.uav.altitude_m);
+    let is_level = |(uav, one): (usize, &PlannedMove)| one.position.z == scenario.uav_of(uav).altitude_m;
+    let are_level = flights.values().flatten().all(|moves| moves.iter().enumerate().all(is_level));
+    let has_z = scenario.uav_kinds().any(|uav| uav.climb().is_some()) || !are_level;
     let has_mode = moves().any(|one| one.mode != if one.scheduled.is_empty() { Mode::Fly } else { Mode::Serve });
     let has_seed = flights.keys().any(|seed| *seed != scenario.seed);
     let columns = [(has_seed, "seed,"), (true, "slot,"), (has_uav, "uav,"), (true, "x_m,y_m,"), (has_z, "z_m,")];

@@ -62,7 +62,8 @@ impl FlownFlight {
     /// If it is not better, the library is that of this build, or a file cannot be written.
     pub fn submit(&self, claim: Claim) -> Result<BestFlight, MissionError> {
         let Self { open, measure, value, .. } = self;
-        let (library, instance) = (&open.library, &open.instance);
+        let library = &open.library;
+        let instance = &open.instance;
         let refuse = |what: String| InputError::of_argument("instance", &instance.name, what);
         let folder = library.folder();
         let folder =

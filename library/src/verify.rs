@@ -9,7 +9,7 @@ use skysink_common::error::{InputError, read_bytes};
 use skysink_common::message::{FlightReport, Mode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{Plans, SlotRecord};
 use skysink_common::stop::Stop;
 use skysink_mission::bounds::{MissionBounds, bounds};
 use skysink_mission::drive::{Observer, Planned, drive};
@@ -142,7 +142,7 @@ impl FlownFlight {
     /// If the scenario of a seed is refused.
     pub(crate) fn bound(&self) -> Result<Option<f64>, MissionError> {
         // The bounds know of no sensor node that stops sampling.
-        if self.open.scenario.sensors.energy.is_some() {
+        if self.open.scenario.node_traits().may_die {
             return Ok(None);
         }
         let of_seed = |(&seed, &lost_bits): (&u64, &u64)| {
@@ -300,8 +300,9 @@ fn fly(
     let list = SensorList::of(&scenario)?;
     let mut plant = Plant::new(&scenario, &list);
     let mut meter = MissionMeter::new(&scenario, &list);
-    let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect()));
-    let (blocks, sensors) = (scenario.link.resource_blocks, list.sensors().len());
+    let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect::<Plans>()));
+    let blocks: Vec<usize> = scenario.by_uav(|own| own.link.resource_blocks).collect();
+    let sensors = list.sensors().len();
     let mut same = SameFlight { moves: flight, path, blocks, sensors };
     drive(&mut plant, &mut pilot, &mut [&mut meter, &mut same], stop)?.unless_stopped()?;
     require_landed(&scenario, &plant, path)?;
@@ -327,8 +328,8 @@ fn require_landed(scenario: &Scenario, plant: &Plant, path: &Path) -> Result<(),
 struct SameFlight<'a> {
     moves: &'a PlannedFlight,
     path: &'a Path,
-    /// Most SNs at once.
-    blocks: usize,
+    /// By UAV: most SNs at once.
+    blocks: Vec<usize>,
     /// Number of SNs.
     sensors: usize,
 }
@@ -345,7 +346,7 @@ impl Observer for SameFlight<'_> {
                 let line = format_args!("line {}: slot {}: {what}", planned.line, record.slot());
                 Err(InputError::new(PLAN, self.path, line).into())
             };
-            if let Some(what) = self.deviation(planned, row.flight) {
+            if let Some(what) = self.deviation(planned, row.flight, self.blocks[row.uav]) {
                 return refuse(what);
             }
             let header = &record.header;
@@ -363,9 +364,10 @@ impl Observer for SameFlight<'_> {
 
 impl SameFlight<'_> {
     /// How a flight differs from its plan.
-    fn deviation(&self, planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
+    fn deviation(&self, planned: &PlannedMove, flight: &FlightReport, blocks: usize) -> Option<String> {
         let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-        let (at, to) = (flight.position(), planned.position);
+        let at = flight.position();
+        let to = planned.position;
         let mode = flight.flown_mode();
         if mode == Mode::Down {
             return Some("the UAV is down: expected enough energy; it charges in the mode `charge` only".to_owned());
@@ -374,13 +376,14 @@ impl SameFlight<'_> {
             let [found, stays] = [to, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
             let away_m = (to - at).norm();
             return Some(format!(
-                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot \
-                 reaches, in the area, outside of zones, apart from other UAVs, and not rounded away",
+                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a \
+                 slot reaches, in the area, outside of zones, apart from other UAVs, and not rounded away",
                 planned.mode
             ));
         }
         if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
-            let (count, blocks, sensors) = (planned.scheduled.len(), self.blocks, self.sensors);
+            let count = planned.scheduled.len();
+            let sensors = self.sensors;
             return Some(match (*id as usize >= sensors, count > blocks) {
                 (true, _) => format!("sensor node {id}: expected a number from 0 to {}", sensors - 1),
                 (_, true) => format!("{count} sensor nodes are scheduled: expected at most {blocks} at once"),

@@ -39,7 +39,8 @@ fn fly(instance: &Instance, seed: u64, run: &Path) {
     let scenario = open.flown_by(overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let folder = RunFolder::create(Some(run), Earlier::Kept, &scenario, &list, &RunMode::default()).unwrap();
-    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list, &RunMode::default()));
+    let mut log = folder.slot_log().unwrap();
+    let mut tally = Tally::new(&scenario, &list, &RunMode::default());
     Mission::new(&scenario, &list).unwrap().drive(&mut [&mut log, &mut tally], &stop()).unwrap();
     folder.finish(&log, &mut tally.summary(std::time::Duration::ZERO, log.hash())).unwrap();
 }
@@ -247,7 +248,8 @@ fn a_run_whose_trace_was_replaced_is_not_credited_to_its_strategy() {
 
 #[test]
 fn impossible_values_of_a_library_are_refused_by_file_and_key() {
-    let (best, standings) = (format!("best/{SMALL}.toml"), "standings.csv".to_owned());
+    let best = format!("best/{SMALL}.toml");
+    let standings = "standings.csv".to_owned();
     let index = "instances.toml".to_owned();
     let heading = format!("[{SMALL}]");
     let with = |key: &str| format!("{heading}\n{key}");
@@ -458,7 +460,8 @@ fn a_flight_that_does_not_land_where_it_has_to_is_refused() {
     verify(&text).unwrap();
     // It stays where it was halfway.
     let lines: Vec<&str> = text.lines().collect();
-    let (head, halfway) = (&lines[..2], &lines[2..lines.len() / 2]);
+    let head = &lines[..2];
+    let halfway = &lines[2..lines.len() / 2];
     let last: Vec<&str> = halfway.last().unwrap().split(',').collect();
     let stays = |slot: usize| {
         let cells = lines[1].split(',').zip(&last).map(|(column, cell)| match column {

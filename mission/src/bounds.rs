@@ -1,5 +1,6 @@
 //! The bounds of a mission, as rates, costs and scores.
 
+use skysink_common::loss_rate::fraction;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_planner::bound::{CollectBound, MissionBound, collect_bound, cost_bound, least_weight, mission_bound};
@@ -49,11 +50,6 @@ pub fn bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> Missio
 /// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.
 pub fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
     fraction(lost_bits, list.mission_bits(scenario))
-}
-
-/// A part of a whole; 0 of nothing.
-pub fn fraction(lost_bits: f64, sampled_bits: f64) -> f64 {
-    if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
 }
 
 #[cfg(test)]

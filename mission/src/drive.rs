@@ -2,8 +2,9 @@
 
 use nalgebra::Point3;
 use skysink_common::message::{PathPoint, Plan, QueuesHeader};
-use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
+use skysink_common::slot_record::{ByUav, SlotRecord};
 use skysink_common::stop::{Stop, Stopped};
+use skysink_flight_sim::Orders;
 use skysink_planner::FleetPlanner;
 
 use crate::error::MissionError;
@@ -13,11 +14,12 @@ use crate::plant::Plant;
 ///
 /// ```
 /// use skysink_common::{message::Mode, message::Plan, scenario::Scenario, sensors::SensorList, slot_record::Plans};
-/// use skysink_mission::{Plant, drive, drive::Ended, drive::Pilot};
+/// use skysink_mission::{Orders, Plant, drive, drive::Ended, drive::Pilot};
 /// struct Centre;
 /// impl Pilot for Centre {
-///     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
-///         Ok(plant.flights().iter().map(|_| Some(Plan::fly_to([50.0, 50.0, 20.0], Mode::Transit))).collect())
+///     fn orders(&mut self, plant: &Plant) -> Result<Orders, Ended> {
+///         let centre = Plan::fly_to([50.0, 50.0, 20.0], Mode::Transit);
+///         Ok(plant.flights().iter().map(|_| Some(centre)).collect::<Plans>().into())
 ///     }
 /// }
 /// let scenario = Scenario::letter(Default::default()).unwrap();
@@ -26,11 +28,11 @@ use crate::plant::Plant;
 /// assert_eq!(plant.flight(0).position(), [50.0, 50.0, 20.0].into());
 /// ```
 pub trait Pilot {
-    /// The plans of the next slot, one for each UAV; `None` holds.
+    /// The plans of the next slot, one for each UAV, of which `None` holds; or its flights, which were reported.
     ///
     /// # Errors
     /// If it ends the mission here, or fails.
-    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended>;
+    fn orders(&mut self, plant: &Plant) -> Result<Orders, Ended>;
 
     /// The path that the last plan of the UAV number `uav` belongs to, with the waypoint of its slot first [m]; empty
     /// for a pilot that plans one slot.
@@ -224,10 +226,10 @@ pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(),
         return Err(Ended::At(End::Complete));
     }
     stop.check()?;
-    let plans = pilot.plans(plant)?;
+    let orders = pilot.orders(plant)?;
     stop.check()?; // a search that was stopped may be incomplete
-    plant.step(&plans);
-    for uav in 0..plans.len() {
+    plant.fly(&orders);
+    for uav in 0..plant.flights().len() {
         plant.add_path(uav, pilot.path(uav).iter().map(|point| PathPoint::of(uav, point)));
     }
     Ok(())
@@ -235,10 +237,10 @@ pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(),
 
 /// Plans with the strategy of the scenario or another.
 impl Pilot for FleetPlanner {
-    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+    fn orders(&mut self, plant: &Plant) -> Result<Orders, Ended> {
         let plans = plan_next(self, plant);
         self.require_finite(plant.slot() + 1, &plans).map_err(MissionError::from)?;
-        Ok(plans.into_iter().map(Some).collect())
+        Ok(Orders::Plans(plans.into_iter().map(Some).collect()))
     }
 
     fn path(&self, uav: usize) -> &[Point3<f64>] {
@@ -247,15 +249,16 @@ impl Pilot for FleetPlanner {
     }
 }
 
-/// Observes the last slot, and plans the next one.
-pub(crate) fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan> {
-    let queues_bits = &plant.field().told_bits();
-    planner.hear(&plant.heard_links());
-    planner.observe(plant.slot(), plant.flights(), queues_bits);
-    planner.step(plant.slot() + 1, plant.flights(), queues_bits)
+/// Observes the last slot, and plans the next one with a planner that has planned all slots before.
+#[must_use]
+pub fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan> {
+    let received = plant.received();
+    let sensed = plant.sensed(&received);
+    planner.observe(&sensed);
+    planner.step(&sensed)
 }
 
-/// A pilot whose plans are known before, slot by slot.
+/// A pilot whose plans, or orders, are known before, slot by slot.
 ///
 /// ```
 /// use skysink_common::{scenario::Scenario, sensors::SensorList};
@@ -271,9 +274,9 @@ pub(crate) fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan
 #[derive(Debug)]
 pub struct Planned<I>(pub I);
 
-impl<I: Iterator<Item = Plans>> Pilot for Planned<I> {
-    fn plans(&mut self, _plant: &Plant) -> Result<Plans, Ended> {
-        self.0.next().ok_or(Ended::At(End::OutOfPlans))
+impl<I: Iterator<Item: Into<Orders>>> Pilot for Planned<I> {
+    fn orders(&mut self, _plant: &Plant) -> Result<Orders, Ended> {
+        self.0.next().map(Into::into).ok_or(Ended::At(End::OutOfPlans))
     }
 }
 
@@ -288,6 +291,7 @@ mod tests {
     use skysink_common::message::{HoldReason, Mode};
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
+    use skysink_common::slot_record::Plans;
     use skysink_common::slot_record::UAV;
     use skysink_planner::settings;
 
@@ -345,7 +349,8 @@ mod tests {
     #[test]
     fn every_observer_receives_every_slot_in_order() {
         let (mut plant, mut planner) = world("uts", 1);
-        let (mut first, mut second) = (Kept::default(), Kept::default());
+        let mut first = Kept::default();
+        let mut second = Kept::default();
         let end = drive(&mut plant, &mut planner, &mut [&mut first, &mut second], &Stop::default());
         assert_eq!(end.unwrap(), End::Complete);
         for kept in [&first, &second] {

@@ -32,7 +32,7 @@ const OTHER: Row = Row { kind: FigureKind::Other, ..REAL };
 /// What a run has measured of itself.
 const OF_RUN: Row = Row { source: FigureSource::Run, ..OTHER };
 
-const COUNTED: Printed<Summary> = Printed::Number(|count| grouped(count as u64));
+const COUNTED: Printed<Summary> = Printed::Count(grouped);
 const RATE: Printed<Summary> = Printed::Number(|rate| format!("{rate:.6}"));
 
 // A figure that a mission does not have is `None`, which is an empty cell of the results.
@@ -89,7 +89,7 @@ figures! {
     expired_bits (ExpiredBits): Option<u64> = BITS {
         label: "bits lost because they were too old", source: FigureSource::Links
     }, |m| m.run.expired_bits();
-    /// `delivered_bits` / T.
+    /// `delivered_bits` over T and the number of UAVs.
     bits_per_waypoint (BitsPerWaypoint): f64 = BITS {
         label: "bits delivered per waypoint", heading: "bits per waypoint",
         report: Printed::Number(|bits| format!("{bits:.1}"))
@@ -101,8 +101,8 @@ figures! {
     }, |m| m.run.mean_served();
     /// Length of the flight, from waypoint to waypoint, including climb.
     flown_m (FlownM) = METRES { label: "flown distance" }, |m| m.of_field(|field| field.flown_m);
-    /// Energy of the flight: what it takes from the battery (decision D10), without `uav.battery` Σ_t P(V_t) τ with the
-    /// speed V_t along the slot's path, climb included. Hovering costs P(0), charging and being down cost nothing.
+    /// Energy of the flight (decision D10): Σ_t τ P(v_t) + w max(0, Δz_t), with the horizontal speed v_t; without
+    /// `uav.battery` w is 20 N. Hovering costs P(0), charging and being down cost nothing.
     energy_j (EnergyJ) = JOULES { label: "propulsion energy" }, |m| m.of_field(|field| field.energy_j);
     /// What the batteries of the UAVs gave and took; no value without `uav.battery`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -174,7 +174,8 @@ figures! {
     completed_s (CompletedS): Option<f64> = SECONDS {
         label: "time at which all initial data is delivered", heading: "all data delivered after",
         report: Printed::Text(|summary| {
-            summary.score.map(|_| summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s")))
+            let never = || "never".to_owned();
+            summary.score.map(|_| summary.completed_s.map_or_else(never, |done_s| format!("{done_s} s")))
         })
     }, |m| m.run.completed_s;
     /// T τ − `completed_s`, or 0 if data is left, plus 100 times the fraction delivered; no value where an SN
@@ -184,7 +185,7 @@ figures! {
         label: "seconds left when all is delivered, and 100 times the fraction delivered", heading: "score",
         report: Printed::Number(figure)
     }, |m| m.run.score();
-    /// Whether all UAVs are in the base after the last slot and none is down (decision D9), in tables 1 or 0; no value
+    /// Whether all UAVs are in the base after the last slot and none is down (decision D9), 1 or 0 in results; no value
     /// without a base.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     landed (Landed): Option<bool> = FRACTION {
@@ -237,8 +238,8 @@ figures! {
     /// Jain's fairness index of the bits delivered by each SN, (Σ x_i)² / (N Σ x_i²); 1 if nothing was delivered.
     jain (Jain) = FRACTION { label: "Jain's fairness index", source: FigureSource::Links },
         |m| m.of_field(|field| jain(field.delivered_bits));
-    /// 1 if the UAVs are trapped in one part of the area: more than a quarter of the SNs lie beyond the smallest box
-    /// around the waypoints of each UAV in the second half of the mission, enlarged by d_c; otherwise 0.
+    /// 1 if the UAVs are trapped in one part of the area: more than a quarter of the SNs lie in none of the boxes, one
+    /// around the waypoints of each UAV in the second half of the mission, each enlarged by d_c; otherwise 0.
     trapped (Trapped) = FRACTION { label: "fraction of trapped fields" },
         |m| m.of_field(|field| f64::from(u8::from(field.is_trapped)));
     /// Lower bound on η of every flight of this mission; only for `offline`.
@@ -259,10 +260,11 @@ figures! {
     held_slots (HeldSlots): u64 = COUNT { label: "slots held" }, each |held, slot| *held += slot.flown(Mode::Hold);
     /// Requests of plans that were refused: waypoints, and sensor nodes to serve.
     refused (Refused): u64 = COUNT { label: "requests refused" },
-        each |refused, slot| *refused += slot.record.flights().iter().map(|flight| u64::from(flight.refused)).sum::<u64>();
+        each |refused, slot| *refused += slot.refused();
     /// Slots in transit (decision D8).
-    transit_slots: u64 = COUNT { label: "slots in transit" }, each |transit, slot| *transit += slot.flown(Mode::Transit);
-    /// What several UAVs did together; no value with one. All other figures are sums over them.
+    transit_slots: u64 = COUNT { label: "slots in transit" },
+        each |transit, slot| *transit += slot.flown(Mode::Transit);
+    /// What several UAVs did together; no value with one. Other counts are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fleet: Option<FleetUse> = OTHER { report: Printed::Rows(|summary| FleetUse::report(summary.fleet.as_ref())) },
         |m| m.run.fleet;

@@ -54,3 +54,4 @@ pub use error::MissionError;
 pub use mission::Mission;
 pub use plant::Plant;
 pub use replay::Replay;
+pub use skysink_flight_sim::Orders;

@@ -3,6 +3,7 @@
 
 use skysink_common::geometry::Position;
 use skysink_common::ledger::Ledger;
+use skysink_common::loss_rate::LossRate;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, beacons, uploads};
@@ -14,10 +15,10 @@ pub(crate) struct Losses {
     pub(crate) ledger: Ledger,
     weights: Weights,
     slot: u64,
-    /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`; `None` if arrivals are drawn.
-    mean_bits: Option<f64>,
-    /// Bits of the initial queues that may expire, weighted.
-    expiring_bits: f64,
+    /// The loss rate by weight (decision D25).
+    rate: LossRate,
+    /// The initial queues, weighted [bit].
+    initial_bits: f64,
 }
 
 impl Losses {
@@ -26,10 +27,10 @@ impl Losses {
         let sampling = list.sampling(scenario);
         let weights = list.weights(&sampling);
         let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
-        let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
+        let rate = LossRate::of(scenario, std::iter::once(weights.sum(means_bits)));
         let is_needed = !weights.are_equal() || scenario.node_keys().rows().next().is_some();
-        let expiring_bits = weights.sum(list.expiring_bits(scenario));
-        is_needed.then(|| Self { ledger: list.ledger(scenario), weights, slot: 0, mean_bits, expiring_bits })
+        let initial_bits = weights.sum(list.sensors().iter().map(|sensor| f64::from(sensor.queue_bits)));
+        is_needed.then(|| Self { ledger: list.ledger(scenario), weights, slot: 0, rate, initial_bits })
     }
 
     /// Adds a slot in the order of decision D1.
@@ -48,12 +49,11 @@ impl Losses {
         (!self.weights.are_equal()).then(|| self.weights.sum(lost_bits()))
     }
 
-    /// Bits sampled so far by weight, on average if arrivals are constant (decision D3).
+    /// Bits that count as sampled so far by weight.
     pub(crate) fn weighted_sampled_bits(&self) -> f64 {
-        let counted_bits = || {
+        self.rate.sampled_bits(self.slot, self.initial_bits, || {
             let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
             self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
-        };
-        self.mean_bits.map_or_else(counted_bits, |mean_bits| mean_bits * self.slot as f64) + self.expiring_bits
+        })
     }
 }

@@ -24,6 +24,7 @@ use crate::{MissionError, Plant};
 /// A UAV after the last slot.
 #[derive(Debug)]
 struct MeteredUav {
+    battery: Battery,
     position: Point3<f64>,
     is_down: bool,
     /// The SNs that it has served in the last slot.
@@ -35,7 +36,6 @@ struct MeteredUav {
 pub struct MissionMeter {
     tally: Tally,
     slot_s: f64,
-    battery: Battery,
     uavs: ByUav<MeteredUav>,
     flown_m: f64,
     energy_j: f64,
@@ -58,10 +58,10 @@ impl MissionMeter {
         Self {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
-            battery: Battery::of(scenario),
             uavs: scenario
                 .starts()
-                .map(|position| MeteredUav { position, is_down: false, contacts: Vec::new() })
+                .zip(scenario.by_uav(Battery::of))
+                .map(|(position, battery)| MeteredUav { battery, position, is_down: false, contacts: Vec::new() })
                 .collect(),
             flown_m: 0.0,
             energy_j: 0.0,
@@ -138,7 +138,7 @@ impl MissionMeter {
             // A UAV that goes down has flown in that slot.
             let was_down = std::mem::replace(&mut uav.is_down, flight.flown_mode() == Mode::Down);
             if flight.flown_mode() != Mode::Charge && !was_down {
-                self.energy_j += self.battery.flight_j(&step);
+                self.energy_j += uav.battery.flight_j(&step);
             }
         }
         for link in uploads(flights) {

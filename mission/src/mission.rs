@@ -113,8 +113,8 @@ impl Mission {
 impl Iterator for Mission {
     type Item = SlotRecord;
 
-    /// Plans and flies the next slot; `None` after the last, once a stop is requested, and at a waypoint with NaN, where
-    /// [`Mission::drive`] fails.
+    /// Plans and flies the next slot; `None` after the last, once a stop is requested, and at a waypoint with NaN,
+    /// where [`Mission::drive`] fails.
     fn next(&mut self) -> Option<SlotRecord> {
         let stop = self.planner.stop().clone();
         step(&mut self.plant, &mut self.planner, &stop).ok()?;

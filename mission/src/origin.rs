@@ -6,9 +6,9 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use skysink_common::build::{VERSION, build};
 use skysink_common::error::InputError;
-use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{CHANNEL, HARVEST, RATES, TRACE};
+use skysink_common::scenario::is_kept_file;
+use skysink_flight_sim::Orders;
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::trace::RecordedSlot;
@@ -51,9 +51,12 @@ impl RunMode {
         self.external.iter().any(|role| role == "flight-sim")
     }
 
-    /// The plan that repeats a recorded slot; `None` if there was none in time.
-    pub fn plan_of(&self, slot: &RecordedSlot) -> Option<Plan> {
-        if self.has_reported_flights() { Some(slot.report()) } else { slot.decision() }
+    /// The orders that repeat a recorded slot of each UAV.
+    pub fn orders_of(&self, slots: &[RecordedSlot]) -> Orders {
+        match self.has_reported_flights() {
+            true => Orders::Reports(slots.iter().map(RecordedSlot::report).collect()),
+            false => Orders::Plans(slots.iter().map(RecordedSlot::decision).collect()),
+        }
     }
 }
 
@@ -61,7 +64,7 @@ impl RunMode {
 #[must_use]
 pub fn is_source(name: &str) -> bool {
     let rest = name.strip_prefix("strategy.").filter(|rest| !rest.contains('/'));
-    [TRACE, HARVEST, CHANNEL, RATES].contains(&name) || rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
+    is_kept_file(name) || rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
 }
 
 /// The names of the sources that the run in `folder` has written, as its `run.toml` lists them.

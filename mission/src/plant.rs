@@ -7,10 +7,9 @@ use skysink_common::message::{FLAG_END, FlightReport, HeardLink, PathPoint, Plan
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord};
+use skysink_common::told::{Received, Sensed};
 use skysink_field_sim::Field;
-use skysink_flight_sim::Fleet;
-#[cfg(doc)]
-use skysink_flight_sim::Flight;
+use skysink_flight_sim::{Fleet, Orders};
 
 /// What planners control: the field and the UAVs of a mission. Clones are independent.
 #[derive(Debug, Clone)]
@@ -18,8 +17,6 @@ pub struct Plant {
     field: Field,
     fleet: Fleet,
     slots: u64,
-    /// Whether plans are the flights that another flight-sim has reported.
-    repeats_reports: bool,
     /// The last slot. It is not passed on by value: flight reports are large.
     record: SlotRecord,
 }
@@ -33,13 +30,7 @@ impl Plant {
         let field = Field::new(scenario, list);
         let header = field.header(slot_header(0, scenario.slots));
         let record = SlotRecord::unplanned(fleet.start(), header);
-        Self { field, fleet, slots: scenario.slots, repeats_reports: false, record }
-    }
-
-    /// The plant of flights that another flight-sim has reported: each plan is one, as [`Flight::repeat`] takes it.
-    #[must_use]
-    pub fn repeating_reports(self, repeats_reports: bool) -> Self {
-        Self { repeats_reports, ..self }
+        Self { field, fleet, slots: scenario.slots, record }
     }
 
     /// The plant with what the UAV believes before slot 1, for external planners, instead of known queues.
@@ -86,6 +77,16 @@ impl Plant {
         self.fleet.hear(self.slot(), self.flights())
     }
 
+    /// What the UAVs receive after the last slot beside queues and answers.
+    pub fn received(&self) -> Received<'static> {
+        Received { links: self.heard_links().into() }
+    }
+
+    /// What the UAVs sense after the last slot, with what they have [`received`](Self::received).
+    pub fn sensed<'a>(&'a self, received: &'a Received<'a>) -> Sensed<'a> {
+        Sensed { slot: self.slot(), flights: self.flights(), told: self.field.told(), received }
+    }
+
     /// The field after the last slot.
     pub fn field(&self) -> &Field {
         &self.field
@@ -98,14 +99,23 @@ impl Plant {
     /// If there is not one entry for each UAV.
     pub fn step(&mut self, plans: &[Option<Plan>]) -> &SlotRecord {
         let slot = self.slot() + 1;
+        self.fleet.step(slot, |uav| plans[uav].as_ref(), self.record.begin(plans));
+        self.end_slot(slot)
+    }
+
+    /// Flies the next slot by `orders`: plans as [`Self::step`] does, or flights that another flight-sim has reported.
+    ///
+    /// # Panics
+    /// If there is not one for each UAV.
+    pub fn fly(&mut self, orders: &Orders) -> &SlotRecord {
+        let slot = self.slot() + 1;
+        self.fleet.fly(slot, orders, self.record.begin(&orders.plans()));
+        self.end_slot(slot)
+    }
+
+    /// Advances the field by the flights of a slot.
+    fn end_slot(&mut self, slot: u64) -> &SlotRecord {
         let record = &mut self.record;
-        let flights = record.begin(plans);
-        let plan_of = |uav: usize| plans[uav].as_ref();
-        if self.repeats_reports {
-            self.fleet.repeat(slot, plan_of, flights);
-        } else {
-            self.fleet.step(slot, plan_of, flights);
-        }
         self.field.step(slot, record.flights()).expect("flight-sim serves only known sensor nodes");
         record.header = self.field.header(slot_header(slot, self.slots));
         record

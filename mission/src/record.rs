@@ -12,6 +12,7 @@ use skysink_common::keys::dotted;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::written_file::Extent;
+use toml::{Table, Value};
 
 use crate::error::{FileContext, MissionError};
 use crate::figures::Summary;
@@ -240,7 +241,12 @@ impl RunFolder {
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let file = self.folder.lock.try_clone().at(&self.slots())?;
         let text = fs::read_to_string(self.scenario()).at(&self.scenario())?;
-        let has_battery = text.parse().is_ok_and(|table| dotted::value(&table, "uav.battery").is_some());
+        let of_each = |table: &Table| {
+            let tables = dotted::value(table, "uav.each").and_then(Value::as_array);
+            tables.into_iter().flatten().any(|own| own.get("battery").is_some())
+        };
+        let has = |table: &Table| dotted::value(table, "uav.battery").is_some() || of_each(table);
+        let has_battery = text.parse().is_ok_and(|table| has(&table));
         SlotLog::open(&self.slots(), file, self.in_a_ring, SLOT_COLUMNS[usize::from(has_battery)])
     }
 

@@ -7,7 +7,8 @@ use std::path::PathBuf;
 use skysink_common::error::InputError;
 use skysink_common::message::Mode;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::slot_record::{ByUav, Plans, UAV};
+use skysink_common::slot_record::{ByUav, UAV};
+use skysink_flight_sim::Orders;
 
 use crate::drive::{End, Ended, Pilot, SlotSink as _};
 use crate::error::{FileContext, MissionError};
@@ -173,8 +174,7 @@ impl Recorded {
     pub(crate) fn add_next(&mut self, plant: &mut Plant, tally: &mut Tally) -> Result<bool, MissionError> {
         let Some(slots) = self.lines.next_slot()? else { return Ok(false) };
         let before = tally.sums.totals;
-        let plans: Plans = slots.iter().map(|slot| self.mode.plan_of(slot)).collect();
-        let mut record = plant.step(&plans).clone();
+        let mut record = plant.fly(&self.mode.orders_of(&slots)).clone();
         let RecordedSlot { delivered_bits, lost_bits, queued_bits, .. } = slots[UAV];
         let totals = &mut record.header.totals;
         totals.delivered_bits = before.delivered_bits.saturating_add(delivered_bits);
@@ -215,8 +215,8 @@ impl Recorded {
 }
 
 impl Pilot for Recorded {
-    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+    fn orders(&mut self, plant: &Plant) -> Result<Orders, Ended> {
         let recorded = self.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
-        Ok(recorded.iter().map(|slot| self.mode.plan_of(slot)).collect())
+        Ok(self.mode.orders_of(&recorded))
     }
 }

@@ -48,7 +48,7 @@ impl Replay {
         let trace = Recorded::open(&folder, &scenario)?;
         let label = folder.run_mode().external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
         let run_mode = folder.run_mode().clone();
-        let plant = Plant::new(&scenario, &list).repeating_reports(run_mode.has_reported_flights());
+        let plant = Plant::new(&scenario, &list);
         let tally = Tally::new(&scenario, &list, &run_mode);
         Ok(Self { plant, run_mode, scenario, list, label, trace, tally, summary })
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use hdrhistogram::Histogram;
 use skysink_common::base::Base;
 use skysink_common::battery::Battery;
+use skysink_common::loss_rate::LossRate;
 use skysink_common::message::{FlightReport, Mode, Plan, Totals};
 use skysink_common::nodes::energy::NodeEnergyUse;
 use skysink_common::nodes::{Airtime, Charges, Cohorts, NodeFeatures};
@@ -65,10 +66,7 @@ pub struct RunSums {
     pub events: Vec<Event>,
     /// The slot after which the run was resumed.
     pub resumed_after: Option<u64>,
-    /// Mean bits sampled per slot by the field, `Σ_i s_i τ`; `None` if arrivals are drawn.
-    mean_bits: Option<f64>,
-    /// Bits of the initial queues that may expire.
-    expiring_bits: f64,
+    rate: LossRate,
     expires: bool,
     losses: Option<Losses>,
     gaps: ServiceGaps,
@@ -78,8 +76,8 @@ pub struct RunSums {
     objective: Option<ObjectiveWeights>,
     served: u64,
     uavs: usize,
-    /// By UAV; empty without batteries.
-    energy: ByUav<EnergyUse>,
+    /// By UAV; `None` without a battery.
+    energy: ByUav<Option<EnergyUse>>,
     base: Option<Base>,
     slot_s: f64,
     pace: Option<Pace>,
@@ -165,6 +163,11 @@ impl CountedSlot<'_> {
         self.record.flights().iter().filter(|flight| flight.flown_mode() == mode).count() as u64
     }
 
+    /// Requests that were refused.
+    pub fn refused(&self) -> u64 {
+        self.record.flights().iter().map(|flight| u64::from(flight.refused)).sum()
+    }
+
     /// The plans that were there when the slot began.
     pub fn plans(&self) -> impl Iterator<Item = &Plan> {
         self.record.uavs().filter(|row| !is_late(row.flight)).filter_map(|row| row.plan)
@@ -179,8 +182,10 @@ impl RunSums {
         let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
         let base = scenario.landing_base();
         let pad_wait_s = base.as_ref().filter(|base| !base.sites().is_empty()).map(|_| 0.0);
-        let battery = Battery::of(scenario);
-        let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+        let full = |battery: Battery| {
+            let full = EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+            (!battery.is_endless()).then_some(full)
+        };
         Self {
             labels: MissionLabels {
                 name: scenario.name.clone(),
@@ -199,8 +204,7 @@ impl RunSums {
             restarts: 0,
             events: Vec::new(),
             resumed_after: None,
-            mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
-            expiring_bits: list.expiring_bits(scenario).sum(),
+            rate: list.loss_rate(scenario),
             expires: scenario.sensors.expiry_s.is_some(),
             losses: Losses::new(scenario, list),
             gaps: ServiceGaps::of(scenario, list),
@@ -208,7 +212,7 @@ impl RunSums {
             objective: objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights),
             served: 0,
             uavs,
-            energy: ByUav::from_elem(full, if battery.is_endless() { 0 } else { uavs }),
+            energy: scenario.by_uav(Battery::of).map(full).collect(),
             base,
             slot_s: scenario.slot_s,
             pace: mode.pace,
@@ -264,9 +268,7 @@ impl RunSums {
 
     /// The loss rate so far, `η` (decisions D3 and D24); 0 without sampling.
     pub fn loss_rate(&self) -> f64 {
-        let Totals { lost_bits, sampled_bits, .. } = self.totals;
-        let mean_bits = self.mean_bits.map(|slot_bits| slot_bits * self.slots as f64);
-        ratio(lost_bits as f64, mean_bits.unwrap_or(sampled_bits as f64) + self.expiring_bits)
+        self.rate.after(self.slots, &self.totals)
     }
 
     /// The loss rate so far by the weights of the sensor nodes; `None` where all are equal.
@@ -324,7 +326,8 @@ impl RunSums {
 
     /// What the batteries of the UAVs gave and took so far; `None` without them.
     pub fn energy(&self) -> Option<EnergyUse> {
-        (!self.energy.is_empty()).then(|| EnergyUse::sum(&self.energy))
+        let uses: ByUav<EnergyUse> = self.energy.iter().copied().flatten().collect();
+        (!uses.is_empty()).then(|| EnergyUse::sum(&uses))
     }
 
     /// What the batteries of the sensor nodes gave so far; `None` without them.
@@ -368,7 +371,7 @@ impl RunSums {
         }
         self.add_services(record.flights());
         for (energy, flight) in self.energy.iter_mut().zip(record.flights()) {
-            energy.add(self.slots, self.slot_s, flight);
+            energy.iter_mut().for_each(|energy| energy.add(self.slots, self.slot_s, flight));
         }
         self.missed_deadlines += record.flights().iter().filter(|flight| is_late(flight)).count() as u64;
         slot.plans().for_each(|plan| self.plan_ns.saturating_record(plan.plan_ns));

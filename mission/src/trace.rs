@@ -3,10 +3,9 @@
 use std::fmt::Write as _;
 
 use nalgebra::Point3;
-use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader, SolverOutcome};
+use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
 use skysink_common::slot_record::{ByUav, SlotRecord, UavSlot};
-#[cfg(doc)]
-use skysink_flight_sim::Flight;
+use skysink_flight_sim::ReportedFlight;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use crate::drive::SlotSink;
@@ -41,8 +40,9 @@ impl TraceHash {
             return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
         }
         self.lines.clear();
+        let has_battery = flights.iter().any(|flight| flight.energy_j.is_finite());
         for (uav, flight) in flights.iter().enumerate() {
-            write_line(&mut self.lines, uav, flight, header).expect("a string takes everything");
+            write_line(&mut self.lines, uav, flight, header, has_battery).expect("a string takes everything");
         }
         Ok(&self.lines)
     }
@@ -72,8 +72,14 @@ fn chain_hashes(hash: u64, lines: &[u8]) -> u64 {
 }
 
 /// Writes one line of `slots.csv`: the slot of the UAV number `uav`. Floats round-trip exactly. The line holds no times
-/// of a clock.
-fn write_line(line: &mut String, uav: usize, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
+/// of a clock. The energy is empty for a UAV without a battery beside one that has one.
+fn write_line(
+    line: &mut String,
+    uav: usize,
+    flight: &FlightReport,
+    header: &QueuesHeader,
+    has_battery: bool,
+) -> std::fmt::Result {
     write!(line, "{},{uav},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
     for (i, link) in flight.served_links().iter().enumerate() {
         let separator = if i > 0 { " " } else { "" };
@@ -82,7 +88,11 @@ fn write_line(line: &mut String, uav: usize, flight: &FlightReport, header: &Que
     let QueuesHeader { delivered_bits, lost_bits, totals, .. } = header;
     let mode = flight.flown_mode();
     write!(line, ",{delivered_bits},{lost_bits},{},{mode},{}", totals.queued_bits, flight.refused)?;
-    if flight.energy_j.is_finite() { writeln!(line, ",{}", flight.energy_j) } else { writeln!(line) }
+    match (has_battery, flight.energy_j.is_finite()) {
+        (false, _) => writeln!(line),
+        (true, false) => writeln!(line, ","),
+        (true, true) => writeln!(line, ",{}", flight.energy_j),
+    }
 }
 
 /// The slot of a UAV, as recorded in a line of the trace.
@@ -149,7 +159,7 @@ impl RecordedSlot {
         };
         let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
         let energy_j = match energy {
-            [] => f64::INFINITY,
+            [] | [""] => f64::INFINITY,
             [energy] => number(energy)?,
             _ => return None,
         };
@@ -183,20 +193,13 @@ impl RecordedSlot {
             // The refused waypoint.
             Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
             Mode::Down if self.refused > 0 => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
-            _ => self.flown(),
+            _ => self.report().plan(),
         }
     }
 
-    /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it, with the energy that was reported.
-    pub fn report(&self) -> Plan {
-        Plan { expected_bits: self.energy_j.to_bits(), ..self.flown() }
-    }
-
-    fn flown(&self) -> Plan {
-        let solver = SolverOutcome::Recorded as u32;
-        let mut plan = Plan { solver, ..Plan::fly_to(self.position, self.mode) };
-        plan.schedule(&self.scheduled[..self.scheduled.len().min(plan.ids.len())]);
-        plan.served = plan.served.saturating_add(self.refused); // the ids after the schedule are `NOBODY`
-        plan
+    /// The recorded flight as it was reported.
+    pub fn report(&self) -> ReportedFlight {
+        let Self { position, mode, refused, energy_j, .. } = *self;
+        ReportedFlight { position, mode, served: self.scheduled.clone(), refused, energy_j }
     }
 }

@@ -78,7 +78,8 @@ impl fmt::Display for UnflownPlans {
 
 /// Why plans are not flown, and where that is explained; it follows the figures.
 pub const REASONS: &str = "a UAV holds without a plan in time, and where its waypoint is out of reach, outside the \
-                           area or behind a zone; a sensor node out of range is not served (docs/src/metrics.md#refusals)";
+                           area or behind a zone; a sensor node out of range is not served \
+                           (docs/src/metrics.md#refusals)";
 
 #[cfg(test)]
 mod tests {

@@ -30,7 +30,9 @@ skysink_common::keys! {
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
-        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, not all 0");
+        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \
+            \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, \
+                not all 0");
         /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance,
         /// `link.law_snr_db`; `"map"` if absent.
         links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
@@ -159,7 +161,8 @@ pub enum LinkKnowledge {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry"
+    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, \
+        age, peak_age, deadline and expiry"
 )]
 pub enum PlanningObjective {
     /// One of those with a name.

@@ -5,7 +5,6 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
 use skysink_common::arrivals::ArrivalLaw;
-use skysink_common::belief::Belief;
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{Limits, SensorNode};
@@ -40,8 +39,6 @@ pub struct MissionTable {
     pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
     is_hidden: Arc<[bool]>,
-    /// Whether the SN is known to be dead or without airtime, and whether dead, by id; empty where none may be.
-    is_out: Arc<[[bool; 2]]>,
     /// Where the UAV has to come home to, if it has to.
     pub home: Home,
     /// Found when they are first asked for; clones share them.
@@ -64,7 +61,6 @@ impl MissionTable {
         let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
         Self {
             is_hidden: hidden.collect(),
-            is_out: Arc::default(),
             home: Home::of(scenario, &airspace),
             motion: Motion::of(scenario, &airspace),
             airspace,
@@ -90,12 +86,12 @@ impl MissionTable {
         other
     }
 
-    /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them,
+    /// The turns of the SNs that can be reached, in a closed round that touches the disks of radius `d_c` about them,
     /// around zones. `stop` ends the search for a shorter one.
     pub fn turns(&self, stop: &Stop) -> Arc<Turns> {
         let find = || {
             let mut turns = Turns::new(&self.sensors.positions, self.limits.comm_radius_m, stop);
-            turns.retain(|id| self.is_servable(id));
+            turns.retain(|id| self.is_reachable(id));
             turns.shorten_within(&self.airspace, stop);
             Arc::new(turns)
         };
@@ -112,33 +108,10 @@ impl MissionTable {
         Self::new(scenario, Arc::new(Sensors::of(scenario, nodes)))
     }
 
-    /// Takes in which SNs are dead, or without airtime: they cannot be served. Nothing changes if none may be.
-    pub(crate) fn exclude(&mut self, belief: &Belief, queues_bits: &[u32]) {
-        let of = |id: u32| {
-            let told_bits = queues_bits[id as usize];
-            [belief.is_out(told_bits, id), belief.is_dead(told_bits, id)]
-        };
-        if self.sensors.may_refuse && self.sensors.ids().any(|id| of(id) != [self.is_out(id), self.is_dead(id)]) {
-            self.is_out = self.sensors.ids().map(of).collect();
-        }
-    }
-
-    /// Whether SN `id` is known to be dead, or without airtime.
+    /// Whether there is a place in range of SN `id` that the UAV can fly to.
     #[inline]
-    pub fn is_out(&self, id: u32) -> bool {
-        self.is_out.get(id as usize).is_some_and(|[is_out, _]| *is_out)
-    }
-
-    /// Whether SN `id` is known to be dead.
-    pub fn is_dead(&self, id: u32) -> bool {
-        self.is_out.get(id as usize).is_some_and(|[_, is_dead]| *is_dead)
-    }
-
-    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without
-    /// airtime.
-    #[inline]
-    pub fn is_servable(&self, id: u32) -> bool {
-        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_out(id)
+    pub fn is_reachable(&self, id: u32) -> bool {
+        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden)
     }
 
     /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
@@ -146,9 +119,9 @@ impl MissionTable {
         self.home.contains(ground)
     }
 
-    /// The SNs that can be served, by id.
-    pub fn servable(&self) -> impl Iterator<Item = u32> + '_ {
-        self.sensors.ids().filter(|&id| self.is_servable(id))
+    /// The SNs with a place in range that the UAV can fly to, by id.
+    pub fn reachable(&self) -> impl Iterator<Item = u32> + '_ {
+        self.sensors.ids().filter(|&id| self.is_reachable(id))
     }
 
     /// Whether one slot, or a move on a grid, leads from `from` into the range of an SN at `sensor` [m], around zones,
@@ -159,20 +132,20 @@ impl MissionTable {
     }
 
     /// The value of a queue of `queue_bits` [bit] of SN `id`, by which strategies compare queues: its bits where all
-    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if it
-    /// cannot be served.
+    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones hide
+    /// it.
     ///
     /// # Panics
     /// If the SN is unknown.
     #[inline]
     pub fn value(&self, id: u32, queue_bits: u32) -> u32 {
-        if self.is_servable(id) { self.sensors.weights.value(id, queue_bits) } else { 0 }
+        if self.is_reachable(id) { self.sensors.weights.value(id, queue_bits) } else { 0 }
     }
 
-    /// Whether any SN cannot be served.
+    /// Whether zones hide an SN.
     #[inline]
     pub fn has_hidden(&self) -> bool {
-        self.is_hidden.contains(&true) || self.is_out.iter().any(|[is_out, _]| *is_out)
+        self.is_hidden.contains(&true)
     }
 
     /// The uplink of SN `id` to the UAV at `uav`.

@@ -117,7 +117,7 @@ impl ReservationTable {
         let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
         Self {
             separation_m,
-            reserves_begins: scenario.is_near_between_cells(separation_m),
+            reserves_begins: scenario.kinds().any(|kind| kind.is_near_between_cells(separation_m)),
             base: scenario.landing_base(),
             ..Self::default()
         }

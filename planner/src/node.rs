@@ -6,13 +6,15 @@ use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use skysink_common::checkpoint::{decode, encode};
 use skysink_common::message::{
-    FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, PathPoint, Plan, QueuesHeader, SlotHeader,
+    FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, NodeAnswer, PathPoint, Plan, QueuesHeader, SlotHeader,
 };
+use skysink_common::nodes::Answer;
 use skysink_common::pace::Pace;
 use skysink_common::possible::are_known_links;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
@@ -88,19 +90,13 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before
-    /// the plan is published. After a requested stop the plan is neither saved nor published.
-    fn plan(
-        &mut self,
-        slot: u64,
-        flights: &[FlightReport],
-        links: &[HeardLink],
-        queues_bits: &[u32],
-    ) -> Result<ByUav<Plan>, NodeError> {
+    /// Observes what is `sensed` after a slot, plans the next, and saves the state before the plan is published. After
+    /// a requested stop the plan is neither saved nor published.
+    fn plan(&mut self, sensed: &Sensed<'_>) -> Result<ByUav<Plan>, NodeError> {
+        let slot = sensed.slot + 1;
         self.resume(slot)?;
-        self.planner.hear(links);
-        self.planner.observe(slot - 1, flights, queues_bits);
-        let plans = self.planner.step(slot, flights, queues_bits);
+        self.planner.observe(sensed);
+        let plans = self.planner.step(sensed);
         self.planner.stop().check()?;
         self.planner.require_finite(slot, &plans)?;
         self.journal.save(slot, &[], &self.planner)?;
@@ -114,6 +110,13 @@ struct Inputs<S: Service + 'static> {
     queues: Reader<S, [u32], QueuesHeader>,
     flights: Reader<S, [FlightReport], SlotHeader>,
     links: Option<Reader<S, [HeardLink], SlotHeader>>,
+    answers: Option<Reader<S, [NodeAnswer], SlotHeader>>,
+}
+
+/// The answers of a message, if it has one of each of `count` sensor nodes.
+fn answers_of(nodes: &[NodeAnswer], count: usize) -> Option<Vec<Answer>> {
+    let answers = nodes.iter().map(|node| Answer::from_repr(node.answer)).collect::<Option<Vec<Answer>>>()?;
+    Some(answers).filter(|answers| answers.len() == count)
 }
 
 impl<S: Service + 'static> Inputs<S> {
@@ -135,11 +138,31 @@ impl<S: Service + 'static> Inputs<S> {
                 journaled.resume(slot + 1)?;
                 let heard = self.links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
                 let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
-                journaled.planner.hear(heard.as_deref().unwrap_or_default());
-                journaled.planner.observe(slot, &flights, older.payload());
+                let received = Received { links: heard.as_deref().unwrap_or_default().into() };
+                let answers = match &mut self.answers {
+                    Some(answers) => answers.poll_slot(slot)?.available(),
+                    None => None,
+                };
+                let answers = answers.and_then(|nodes| answers_of(&nodes, older.payload().len()));
+                if self.answers.is_none() || answers.is_some() {
+                    let told = Told::new(older.payload(), answers.as_deref().unwrap_or_default());
+                    journaled.planner.observe(&Sensed { slot, flights: &flights, told, received: &received });
+                }
             }
         }
         Ok(state)
+    }
+
+    /// What the `count` sensor nodes do after `slot`, which was sent before the queues; nothing if all send, and `None`
+    /// if a message has not one answer of each.
+    fn answers(&mut self, wait: &mut WaitContext, slot: u64, count: usize) -> Result<Option<Vec<Answer>>, NodeError> {
+        let Some(answers) = &mut self.answers else { return Ok(Some(Vec::new())) };
+        let Some(nodes) = answers.wait_for_slot(wait, slot)? else { return Ok(None) };
+        let found = answers_of(&nodes, count);
+        if found.is_none() {
+            answers.refuse(slot, Refusal::Length);
+        }
+        Ok(found)
     }
 
     /// What the UAVs hear after `slot`; `None` if that has passed, or they hear nothing.
@@ -190,6 +213,7 @@ fn run_with<S: Service + 'static>(
         queues: ring.queues.reader()?, // the planner maintains its own estimate
         flights: ring.flight.reader()?,
         links: ring.links.as_ref().map(Topic::reader).transpose()?,
+        answers: ring.answers.as_ref().map(Topic::reader).transpose()?,
     };
 
     let mut sensors = ring.sensors.reader()?;
@@ -232,14 +256,18 @@ fn run_with<S: Service + 'static>(
         // sent before this process joined, and the ring has its plan.
         let Some(flown) = inputs.flights.wait_for_slot(&mut wait, slot)? else { continue };
         let heard = inputs.heard(&mut wait, slot)?.filter(|heard| are_known(slot, heard));
+        let Some(answers) = inputs.answers(&mut wait, slot, state.payload().len())? else { continue };
         next = slot + 1;
-        let planned = journaled.plan(next, &flown, heard.as_deref().unwrap_or_default(), state.payload())?;
+        let told = Told::new(state.payload(), &answers);
+        let received = Received { links: heard.as_deref().unwrap_or_default().into() };
+        let planned = journaled.plan(&Sensed { slot, flights: &flown, told, received: &received })?;
         let points = path_points(&journaled.planner, uavs);
         if let Some(paths) = paths.as_ref().filter(|_| !points.is_empty()) {
             paths.send_list(ring.header(next, 0), &points)?; // before the plan, so that its readers have the paths
         }
         inputs.flights.receive_all()?; // repeated flights must not fill the buffer
         inputs.links.iter_mut().try_for_each(Reader::receive_all)?;
+        inputs.answers.iter_mut().try_for_each(Reader::receive_all)?;
         plans.send_list(ring.header(next, 0), &planned)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
@@ -248,6 +276,15 @@ fn run_with<S: Service + 'static>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn answers_are_those_of_each_sensor_node_or_refused() {
+        let nodes = [[0, 0], [1, 1], [2, 0]].map(|[answer, known]| NodeAnswer { answer, known });
+        assert_eq!(answers_of(&nodes, 3), Some(vec![Answer::Queue, Answer::Silent, Answer::Dead]));
+        assert_eq!([answers_of(&nodes, 2), answers_of(&nodes, 4), answers_of(&[], 1)], [None, None, None]);
+        assert_eq!(answers_of(&[NodeAnswer { answer: 7, known: 0 }], 1), None);
+    }
+
     use crate::planner::Planner;
     use crate::settings::{self, Knowledge, Rates, change};
     use crate::strategy::{Decision, Setup, Strategy, View};
@@ -328,6 +365,13 @@ mod tests {
         all.map(scenario).filter(carries)
     }
 
+    /// The plan of `slot` after these flights.
+    fn planned(planner: &mut Journaled, slot: u64, flights: &[FlightReport]) -> Plan {
+        let queues_bits = queues(slot);
+        let sensed = Sensed { slot: slot - 1, flights, told: Told::from(&queues_bits), received: &Received::NOTHING };
+        planner.plan(&sensed).unwrap()[UAV]
+    }
+
     #[test]
     fn a_restarted_planner_repeats_the_plans_of_the_last_slots() {
         for scenario in scenarios() {
@@ -335,15 +379,13 @@ mod tests {
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
-                let plan =
-                    first.plan(slot, &flights[slot as usize - 1..slot as usize], &[], &queues(slot)).unwrap()[UAV];
+                let plan = planned(&mut first, slot, &flights[slot as usize - 1..slot as usize]);
                 flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
                 let mut again = process(&scenario, &folder);
                 for slot in from..=9 {
-                    let plan =
-                        again.plan(slot, &flights[slot as usize - 1..slot as usize], &[], &queues(slot)).unwrap()[UAV];
+                    let plan = planned(&mut again, slot, &flights[slot as usize - 1..slot as usize]);
                     assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
                 }
                 assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
@@ -385,11 +427,11 @@ mod tests {
         let flight = FlightReport::at(scenario.start(), Mode::Hold);
         let mut first = process();
         for slot in 1..=9 {
-            assert_eq!(first.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
+            assert_eq!(planned(&mut first, slot, &[flight]).x_m, slot as f64);
         }
         let mut again = process();
         for slot in 8..=10 {
-            assert_eq!(again.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
+            assert_eq!(planned(&mut again, slot, &[flight]).x_m, slot as f64);
         }
     }
 
@@ -401,11 +443,11 @@ mod tests {
         let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
-            flight = flown(&first.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV]);
+            flight = flown(&planned(&mut first, slot, &[flight]));
         }
         let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
-        let _ = late.plan(15, &[hold], &[], &queues(15)).unwrap();
+        let _ = planned(&mut late, 15, &[hold]);
         let uncertainties = |planner: &FleetPlanner| {
             let Belief::Estimated(estimate) = planner.belief() else { panic!("the queues are estimated") };
             (0..12).map(|id| estimate.uncertainty(15, id)).collect::<Vec<_>>()

@@ -13,11 +13,13 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, enco
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::geometry::above;
-use skysink_common::message::{FlightReport, HeardLink, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::nodes::Answer;
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
+use skysink_common::told::{Heard, Received, Told};
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
@@ -46,12 +48,20 @@ pub struct Planner {
     pub(crate) stop: Stop,
     /// The last planned slot; 0 before the first.
     slot: u64,
-    /// What this UAV hears at the beginning of the slot to plan; `None` without `link.beacon_radius_m`.
-    links: Option<Vec<HeardLink>>,
+    /// What this UAV has received before the slot to plan.
+    heard: Heard,
     /// The waypoints of the last plan.
     path: Vec<Point3<f64>>,
-    /// The queues without those that other UAVs have scheduled [bit]; working memory.
+    room: Room,
+}
+
+/// Working memory of what is believed.
+#[derive(Default)]
+struct Room {
+    /// The queues without those that other UAVs have scheduled [bit].
     left_bits: Vec<u32>,
+    /// What is known of the answers.
+    answers: Vec<Answer>,
 }
 
 /// Time between the visits of an SN that another UAV is expected to serve, as a fraction of that in which its buffer
@@ -129,9 +139,9 @@ impl Planner {
             timing: Timing::Free,
             stop: stop.clone(),
             slot: 0,
-            links: scenario.link.beacon_radius_m.map(|_| Vec::new()),
+            heard: Heard::of(scenario),
             path: Vec::with_capacity(MAX_PATH_POINTS),
-            left_bits: Vec::new(),
+            room: Room::default(),
             table,
         })
     }
@@ -149,9 +159,9 @@ impl Planner {
             timing: Timing::Free,
             stop: stop.clone(),
             slot: 0,
-            links: scenario.link.beacon_radius_m.map(|_| Vec::new()),
+            heard: Heard::of(scenario),
             path: Vec::with_capacity(MAX_PATH_POINTS),
-            left_bits: Vec::new(),
+            room: Room::default(),
             table: table.clone(),
         }
     }
@@ -161,42 +171,33 @@ impl Planner {
         self.belief = view.belief.belief.clone();
         self.battery = view.battery;
         self.reported = ReportedQueues::default();
-        if let (Some(links), Some(heard)) = (&mut self.links, view.links) {
-            heard.clone_into(links);
-        }
+        self.heard.clone_from(view.heard);
     }
 
-    /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the
-    /// next is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes
-    /// the estimate older.
-    pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
-        self.observe_with(slot, flight, std::slice::from_ref(flight), queues_bits);
+    /// Observes the flight of `slot`, and what is told after it. Must be called for every slot before the next is
+    /// planned. If the queues are estimated, only what is told of served SNs is read, and a skipped slot only makes the
+    /// estimate older.
+    pub fn observe<'t>(&mut self, slot: u64, flight: &FlightReport, told: impl Into<Told<'t>>) {
+        self.observe_with(slot, flight, std::slice::from_ref(flight), told.into());
     }
 
-    /// Takes in the links that this UAV hears at the end of a slot. Must be called for every slot before it is
-    /// observed. Links of unknown SNs are left out.
-    pub(crate) fn hear(&mut self, links: impl Iterator<Item = HeardLink>) {
-        let Some(own) = &mut self.links else { return };
-        own.clear();
-        own.extend(links.filter(|link| (link.sensor as usize) < self.table.sensors.count()));
+    /// Takes in what this UAV, number `uav`, receives at the end of a slot, before that is observed; `number` is that
+    /// of an SN of its own.
+    pub(crate) fn receive(&mut self, received: &Received<'_>, uav: usize, number: impl Fn(u32) -> Option<u32>) {
+        let count = self.table.sensors.count();
+        self.heard.receive(received, uav, |id| number(id).filter(|number| (*number as usize) < count));
     }
 
     /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
-    pub(crate) fn observe_with(
-        &mut self,
-        slot: u64,
-        flight: &FlightReport,
-        flights: &[FlightReport],
-        queues_bits: &[u32],
-    ) {
-        self.belief.advance(slot, flights, &self.reported, queues_bits);
-        self.battery = BatteryState::after(flight);
+    pub(crate) fn observe_with(&mut self, slot: u64, flight: &FlightReport, flights: &[FlightReport], told: Told<'_>) {
+        self.belief.advance(slot, flights, &self.reported, told);
+        self.battery = BatteryState::from(flight);
         self.strategy.observe(slot, flights, &self.belief);
     }
 
-    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues
-    /// are estimated, the plan is based on the estimate, and `queues_bits` is read only for the scheduled SNs, which
-    /// report them on contact.
+    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and what is `told` before it: the queues `B_i(t−1)`
+    /// [bit], and the answers of SNs that may refuse. If the queues are estimated, the plan is based on the estimate,
+    /// and queues are read only of the scheduled SNs, which report them on contact.
     ///
     /// Takes time by the number of SNs near the UAV. Transit, an estimate, and the strategies `edf`, `mes`, `whittle`,
     /// `max-age-first`, `horizon` and `offline` read all queues. `plan_ns` stays 0; the caller measures. A clock is
@@ -205,8 +206,8 @@ impl Planner {
     /// # Panics
     /// If there is not one queue per sensor node.
     #[must_use]
-    pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        self.plan(slot, position, queues_bits, Duty::Mission, None)
+    pub fn step<'t>(&mut self, slot: u64, position: Point3<f64>, told: impl Into<Told<'t>>) -> Plan {
+        self.plan(slot, position, told.into(), Duty::Mission, None)
     }
 
     /// The plan of a UAV with this duty beside other UAVs: the SNs that they have scheduled in this slot count as
@@ -215,11 +216,11 @@ impl Planner {
         &mut self,
         slot: u64,
         position: Point3<f64>,
-        queues_bits: &[u32],
+        told: Told<'_>,
         duty: Duty,
         neighbours: Option<&Neighbours<'_>>,
     ) -> Plan {
-        self.plan_by(slot, position, queues_bits, duty, neighbours, |strategy, view| strategy.plan(view))
+        self.plan_by(slot, position, told, duty, neighbours, |strategy, view| strategy.plan(view))
     }
 
     /// The same, decided by what `decide` makes of its strategy.
@@ -227,20 +228,18 @@ impl Planner {
         &mut self,
         slot: u64,
         position: Point3<f64>,
-        queues_bits: &[u32],
+        told: Told<'_>,
         duty: Duty,
         neighbours: Option<&Neighbours<'_>>,
         mut decide: impl FnMut(&mut dyn Strategy, &View<'_>) -> Option<Decision>,
     ) -> Plan {
         let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
-        assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
-        let Self { strategy, rules, table, stop, left_bits, links, .. } = self;
-        let links = links.as_deref();
-        table.exclude(&self.belief, queues_bits);
-        let belief = believed(&mut self.belief, slot, table, queues_bits, scheduled, left_bits);
+        assert_eq!(told.queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
+        let Self { strategy, rules, table, stop, room, heard, .. } = self;
+        let belief = believed(&mut self.belief, slot, table, told, scheduled, room);
         let battery = self.battery;
         let timing = self.timing;
-        let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
+        let view = View { slot, position, battery, belief, table, timing, heard, neighbours, stop };
         let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| decide(&mut **strategy, view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
@@ -260,7 +259,7 @@ impl Planner {
             }
             _ => {}
         }
-        self.await_reports(slot, plan.scheduled(), queues_bits);
+        self.await_reports(slot, plan.scheduled(), told);
         self.slot = slot;
         plan
     }
@@ -271,18 +270,16 @@ impl Planner {
         &mut self,
         slot: u64,
         position: Point3<f64>,
-        queues_bits: &[u32],
+        told: Told<'_>,
         neighbours: &Neighbours<'_>,
         into: &mut Vec<PlannedVisit>,
     ) {
-        let Self { strategy, belief, table, stop, left_bits, links, .. } = self;
-        let links = links.as_deref();
-        table.exclude(belief, queues_bits);
-        let belief = believed(belief, slot, table, queues_bits, &[], left_bits);
+        let Self { strategy, belief, table, stop, room, heard, .. } = self;
+        let belief = believed(belief, slot, table, told, &[], room);
         let battery = self.battery;
         let timing = self.timing;
         let neighbours = Some(neighbours);
-        strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
+        strategy.visits(&View { slot, position, battery, belief, table, timing, heard, neighbours, stop }, into);
     }
 
     /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.
@@ -294,9 +291,9 @@ impl Planner {
         slots.map(move |slot| PlannedVisit { slot, sensor: id, bits: f64::INFINITY })
     }
 
-    /// Notes the SNs that report their queues in `slot` if they are served, and their queues before it [bit], by id.
-    pub(crate) fn await_reports(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
-        self.reported = self.belief.reported(slot, scheduled.iter().copied(), queues_bits);
+    /// Notes the SNs that report their queues in `slot` if they are served, and what is `told` before it.
+    pub(crate) fn await_reports(&mut self, slot: u64, scheduled: &[u32], told: Told<'_>) {
+        self.reported = self.belief.reported(slot, scheduled.iter().copied(), told);
     }
 
     /// The last slot planned by this planner or its restored predecessor; 0 before the first.
@@ -349,23 +346,27 @@ impl Checkpoint for Planner {
     }
 }
 
-/// What is believed before `slot`, if the known queues are `queues_bits` [bit], by id. Those of the SNs that other UAVs
-/// have scheduled, and of dead or silent ones, are empty in `left_bits`.
+/// What is believed before `slot`, in which SNs are as they are `told`. The queues of those that other UAVs have
+/// scheduled, and of those that are known to be dead or silent, are empty.
 fn believed<'a>(
     belief: &'a mut Belief,
     slot: u64,
     table: &'a MissionTable,
-    queues_bits: &'a [u32],
+    told: Told<'a>,
     scheduled: &[u32],
-    left_bits: &'a mut Vec<u32>,
+    room: &'a mut Room,
 ) -> Believed<'a> {
-    let mut believed = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
-    if !scheduled.is_empty() || table.sensors.may_refuse {
+    belief.predict(slot.saturating_sub(1));
+    let belief = &*belief;
+    let Room { left_bits, answers } = room;
+    let answers = belief.answers(told.answers, answers);
+    let known = Told::new(told.queues_bits, answers);
+    let mut believed = belief.predicted(slot.saturating_sub(1), &table.sensors, known);
+    if !scheduled.is_empty() || !answers.is_empty() {
         left_bits.clear();
         left_bits.extend_from_slice(believed.queues_bits);
-        if table.sensors.may_refuse {
-            (0..).zip(&mut *left_bits).filter(|(id, _)| table.is_out(*id)).for_each(|(_, bits)| *bits = 0);
-        }
+        let refusing = left_bits.iter_mut().zip(answers).filter(|(_, answer)| !answer.sends());
+        refusing.for_each(|(bits, _)| *bits = 0);
         scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
         believed.queues_bits = left_bits;
     }

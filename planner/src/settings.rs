@@ -76,6 +76,11 @@ fn check_landing(scenario: &Scenario) -> Result<(), InputError> {
     if !scenario.must_land() {
         return Ok(());
     }
+    scenario.kinds().try_for_each(|kind| check_landing_of(&kind))
+}
+
+/// The same of a fleet of equal UAVs.
+fn check_landing_of(scenario: &Scenario) -> Result<(), InputError> {
     let airspace = Arc::new(scenario.airspace());
     let BatteryState { energy_j, .. } = BatteryState::initial(scenario);
     let is_far = |(home, start): &(Home, Position)| !home.contains(start) && !home.is_in_reach(0, energy_j, start);

@@ -10,6 +10,7 @@ use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::random::{Purpose, Streams, fraction};
 use skysink_common::sensors::Sensors;
+use skysink_common::told::Received;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Fleet;
 
@@ -70,15 +71,15 @@ impl Drawn {
         for number in 1..=self.slots {
             let slot = view.slot + (number - 1);
             let position = flights[0].position();
-            let plan = planner.plan_by(slot, position, self.field.queues_bits(), Duty::Mission, None, |strategy, view| {
+            let plan = planner.plan_by(slot, position, self.field.told(), Duty::Mission, None, |strategy, view| {
                 if number == 1 { first.cloned() } else { strategy.plan(view) }
             });
             self.fleet.step(slot, |_| Some(&plan), &mut flights);
             self.field.step(number, &flights).expect("flight-sim serves only known sensor nodes");
-            if view.links.is_some() {
-                planner.hear(self.fleet.hear(slot, &flights).into_iter());
+            if view.heard.links.is_some() {
+                planner.receive(&Received { links: self.fleet.hear(slot, &flights).into() }, 0, Some);
             }
-            planner.observe(slot, &flights[0], self.field.queues_bits());
+            planner.observe(slot, &flights[0], self.field.told());
         }
         view.table.sensors.weights.sum(self.field.lost_bits().map(|bits| bits as f64))
     }

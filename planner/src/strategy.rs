@@ -12,9 +12,11 @@ use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{FlightReport, HeardLink, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
+use skysink_common::told::{Heard, Told};
 
 use crate::keys::Settings;
 use crate::mission_table::MissionTable;
@@ -104,9 +106,9 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 /// let queues_bits = list.queues_bits();
 /// let belief = Believed::known(0, &table.sensors, &queues_bits);
 /// let timing = Timing::Free;
-/// let links = None;
+/// let heard = &skysink_common::told::Heard::NOTHING;
 /// let neighbours = None;
-/// let view = View { slot: 1, position, battery, belief, table, timing, links, neighbours, stop };
+/// let view = View { slot: 1, position, battery, belief, table, timing, heard, neighbours, stop };
 /// assert_eq!((view.ground(), view.value(3)), ([50.0, 50.0].into(), queues_bits[3])); // all weights are equal
 /// assert_eq!(view.values(&mut Vec::new()), queues_bits);
 /// ```
@@ -124,8 +126,8 @@ pub struct View<'a> {
     pub table: &'a MissionTable,
     /// Whether a search may read a clock.
     pub timing: Timing,
-    /// The SNRs that it hears at its beginning, by ascending SN; `None` without `link.beacon_radius_m`.
-    pub links: Option<&'a [HeardLink]>,
+    /// What else it has received before the slot, such as the SNRs that it hears.
+    pub heard: &'a Heard,
     /// What the other UAVs tell; `None` for a UAV that plans alone.
     pub neighbours: Option<&'a Neighbours<'a>>,
     /// Ends long searches; the decision is then not flown.
@@ -155,7 +157,7 @@ impl<'a> View<'a> {
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,
-            links: None,
+            heard: &Heard::NOTHING,
             neighbours: None,
             stop,
         }
@@ -209,13 +211,45 @@ impl<'a> View<'a> {
         self.fixed_end().map_or_else(|| self.table.clamp_to_area(ground), |end| end.xy())
     }
 
-    /// The value of the queue of SN `id` ([`MissionTable::value`]).
+    /// What SN `id` is known to do when it is served in the slot.
+    #[inline]
+    pub fn answer(&self, id: u32) -> Answer {
+        self.belief.answer(id)
+    }
+
+    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without
+    /// airtime.
+    #[inline]
+    pub fn is_servable(&self, id: u32) -> bool {
+        self.table.is_reachable(id) && self.answer(id).sends()
+    }
+
+    /// The SNs that can be served, by id.
+    pub fn servable(&self) -> impl Iterator<Item = u32> {
+        self.table.sensors.ids().filter(|&id| self.is_servable(id))
+    }
+
+    /// Whether any SN cannot be served.
+    #[inline]
+    pub fn has_hidden(&self) -> bool {
+        self.table.has_hidden() || self.belief.answers.iter().any(|answer| !answer.sends())
+    }
+
+    /// The value of the queue of SN `id` ([`MissionTable::value`]); 0 if it cannot be served.
     ///
     /// # Panics
     /// If the SN is unknown.
     #[inline]
     pub fn value(&self, id: u32) -> u32 {
-        self.table.value(id, self.belief.queues_bits[id as usize])
+        if self.answer(id).sends() { self.table.value(id, self.belief.queues_bits[id as usize]) } else { 0 }
+    }
+
+    /// The `values` of the queues, such as [`Self::values`], with what is known of the answers.
+    pub(crate) fn told<'b>(&self, values: &'b [u32]) -> Told<'b>
+    where
+        'a: 'b,
+    {
+        Told::new(values, self.belief.answers)
     }
 
     /// The values of all queues, by id; `room` is memory for them.
@@ -224,7 +258,7 @@ impl<'a> View<'a> {
     where
         'a: 'b,
     {
-        if self.table.has_hidden() {
+        if self.has_hidden() {
             room.clear();
             room.extend(self.table.sensors.ids().map(|id| self.value(id)));
             return room;
@@ -391,6 +425,6 @@ pub(crate) mod tests {
         let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
         let battery = BatteryState::default();
         let timing = Timing::Free;
-        View { slot, position, battery, belief, table, timing, links: None, neighbours: None, stop: &STOP }
+        View { slot, position, battery, belief, table, timing, heard: &Heard::NOTHING, neighbours: None, stop: &STOP }
     }
 }

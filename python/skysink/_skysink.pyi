@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, Self, final
+from typing import Any, Final, Literal, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,6 +124,10 @@ class Scenario:
     @property
     def slots(self) -> int:
         """Number of slots of the mission, T."""
+
+    @property
+    def uavs(self) -> list[dict[str, Any]]:
+        """For each UAV a dictionary of its keys of ``[uav]``, and its ``resource_blocks``."""
 
     @property
     def path(self) -> Path:
@@ -271,6 +275,12 @@ class View:
         """
 
     @property
+    def answers(self) -> NDArray[np.uint8]:
+        """What each SN is known to do when it is served in this slot, uint8 [N], read-only: 0 sends its queue, 1 is
+        silent, and sends later, 2 is dead. All are 0 without ``sensors.energy`` and ``link.duty_cycle``.
+        """
+
+    @property
     def sampling_bps(self) -> NDArray[np.float64]:
         """Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only."""
 
@@ -317,14 +327,23 @@ class View:
     @property
     def values(self) -> NDArray[np.uint32]:
         """The values of the queues by which built-in strategies compare them, w_i B_i in a common unit, uint32 [N],
-        read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide.
+        read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide, or that do not send.
+        """
+
+    @property
+    def servable(self) -> NDArray[np.bool_]:
+        """Whether each SN can be served in this slot, [N], read-only: it has a place in its range that the UAV can fly
+        to, and is not known to be silent or dead.
         """
 
     @property
     def reachable(self) -> NDArray[np.uint32]:
-        """Ids of the SNs whose range one slot leads into, around zones, of those that are nearer than the reach of a
-        slot; ascending.
+        """Ids of the SNs that send and whose range one slot leads into, around zones, of those that are nearer than the
+        reach of a slot; ascending.
         """
+
+    def answer(self, id: int) -> Literal["queue", "silent", "dead"]:
+        """What SN ``id`` is known to do when it is served in this slot: ``queue`` if it sends, ``silent``, or ``dead``."""
 
     def route_to(self, goal: ArrayLike | int) -> Route | None:
         """The route from the UAV to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there

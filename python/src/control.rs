@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{MAX_SERVED, SolverOutcome};
 use skysink_common::slot_record::Plans;
+use skysink_common::told::Told;
 use skysink_planner::strategy::Decision;
 
 use crate::episode::Episode;
@@ -64,7 +65,7 @@ pub fn plans(actions: &[f32], index: usize, episode: &mut Episode) -> Plans {
     let mut plans = Plans::new();
     episode.begin_plans();
     for (uav, action) in actions[index * uavs * width..].chunks(width).take(uavs).enumerate() {
-        episode.uav = uav;
+        episode.act_as(uav);
         let decision = episode.decision(action);
         plans.push(Some(episode.ruled_beside(decision)));
     }
@@ -133,7 +134,8 @@ impl Episode {
             Control::Waypoint => self.waypoint(action),
             Control::Displacement => self.displaced(action),
         };
-        decided(waypoint, &self.field.fullest(&waypoint, &self.plant.field().servable_bits()))
+        let known = self.plant.field().known_answers();
+        decided(waypoint, &self.field.fullest(&waypoint, Told::new(self.plant.field().believed_bits(), &known)))
     }
 
     /// The waypoint of a displacement as a fraction of the reach of a slot.
@@ -182,12 +184,14 @@ impl Episode {
         let id = self.observed().nearest.map_or(choice as u32, |count| self.nearest(count)[choice]);
         let goal = self.field.sensors.position(id);
         let waypoint = self.end_toward(id);
-        let believed_bits = self.plant.field().servable_bits();
-        let mut served = self.field.fullest(&waypoint, &believed_bits);
+        let known = self.plant.field().known_answers();
+        let told = Told::new(self.plant.field().believed_bits(), &known);
+        let mut served = self.field.fullest(&waypoint, told);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);
-        if within(goal, &waypoint.xy(), limits.comm_radius_m) && !served.contains(&id) {
+        let is_in_range = within(goal, &waypoint.xy(), limits.comm_radius_m);
+        if is_in_range && told.answer(id).sends() && !served.contains(&id) {
             if served.len() == most {
-                let value = |id: u32| self.field.value(id, believed_bits[id as usize]);
+                let value = |id: u32| self.field.value(id, told.queues_bits[id as usize]);
                 let emptiest = (0..most).rev().min_by_key(|&at| value(served[at]));
                 emptiest.map(|at| served.remove(at));
             }

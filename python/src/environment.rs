@@ -107,8 +107,8 @@ impl PyEnvironmentCore {
 
 #[pymethods]
 impl PyEnvironmentCore {
-    /// `count` environments, or a single one, that of one mission. `agents`: whether the scenario may have several UAVs,
-    /// whose actions and rewards then are arrays of one more dimension.
+    /// `count` environments, or a single one, that of one mission. `agents`: whether the scenario may have several
+    /// UAVs, whose actions and rewards then are arrays of one more dimension.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     fn new(
@@ -343,7 +343,9 @@ impl PyEnvironmentCore {
         mut terminated: PyReadwriteArray1<'_, bool>,
         mut truncated: PyReadwriteArray1<'_, bool>,
     ) -> PyResult<()> {
-        let (count, uavs, width) = (self.episodes.len(), self.agents(), self.width());
+        let count = self.episodes.len();
+        let uavs = self.agents();
+        let width = self.width();
         if !self.episodes[0].has_begun {
             return Err(refused("no episode has begun: expected reset_into()"));
         }
@@ -375,7 +377,7 @@ impl PyEnvironmentCore {
         py.detach(|| {
             each(&mut self.episodes, masks.chunks_mut(of_episode), |_, episode, masks| {
                 for (uav, mask) in masks.chunks_mut(size).enumerate() {
-                    episode.uav = uav;
+                    episode.act_as(uav);
                     mask.copy_from_slice(&episode.action_mask());
                 }
                 Ok(())

@@ -2,6 +2,7 @@
 
 mod expert;
 
+use std::borrow::Cow;
 use std::sync::{Arc, LazyLock};
 
 use pyo3::prelude::*;
@@ -15,6 +16,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, UAV};
 use skysink_common::stop::Stop;
+use skysink_common::told::Heard;
 use skysink_mission::Plant;
 use skysink_planner::fleet::require_one;
 use skysink_planner::neighbours::{Neighbours, ReservationTable};
@@ -78,16 +80,19 @@ pub struct Episode {
     pub number: u64,
     /// Whether a reset has begun an episode of its environment.
     pub has_begun: bool,
-    /// The UAV that observes and acts.
+    /// The UAV that observes and acts; [`Episode::act_as`] changes it.
     pub uav: usize,
     pub list: Arc<SensorList>,
+    /// The field, with the limits of this UAV.
     pub field: Arc<FieldData>,
+    /// The fields with the limits of each kind of UAVs.
+    fields: Arc<[Arc<FieldData>]>,
     pub plant: Plant,
     /// The plant before slot 1.
     fresh: Arc<Plant>,
     pub contacts: Contacts,
     pub experts: Experts,
-    decided: OwnRules,
+    decided: Vec<OwnRules>,
     /// Where the UAVs that plan before others end the slot.
     reservations: ReservationTable,
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
@@ -134,8 +139,14 @@ impl Episode {
         }
         if rules.kind != Kind::Agents {
             require_one(&scenario).map_err(refused)?;
-        } else if scenario.uav.endurances_s.is_some() {
+        } else if (0..scenario.uav.uavs()).any(|uav| scenario.endurance_s_of(uav).is_some()) {
             return Err(refused("uav.endurances_s: expected none, because all agents have the same time"));
+        }
+        let is_free = scenario.uav.climb().is_some();
+        if scenario.uav_kinds().any(|uav| uav.climb().is_some() != is_free) {
+            return Err(refused(
+                "uav.each: expected a free altitude of all agents or of none, whose spaces are the same",
+            ));
         }
         let number = if fields.is_some() { 0 } else { scenario.seed };
         let first = Self::new(Arc::new(Course { scenario, rules: Arc::clone(rules) }), number)?;
@@ -172,7 +183,9 @@ impl Episode {
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
         let nodes = plant.field().belief().known_nodes(list.nodes(), scenario.slot_s);
-        let field = FieldData::of(&scenario, nodes)?;
+        let of_kind = |kind: Cow<'_, Scenario>| FieldData::of(&kind, nodes.clone());
+        let fields = scenario.kinds().map(of_kind).collect::<PyResult<Arc<[_]>>>()?;
+        let field = Arc::clone(&fields[0]);
         let Rules { observed, reward, .. } = &*course.rules;
         let weights = list.sensors().iter().map(|sensor| sensor.weight);
         let known_bits = field.sensors.ids().map(|id| field.sensors.sampler(id).mean_bits);
@@ -182,7 +195,7 @@ impl Episode {
             has_begun: false,
             uav: UAV,
             experts: Experts::default(),
-            decided: OwnRules::default(),
+            decided: vec![OwnRules::default(); fields.len()],
             reservations: ReservationTable::of(&scenario),
             contacts: Contacts::none(if course.rules.keeps_contacts() { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
@@ -193,6 +206,7 @@ impl Episode {
             list: Arc::new(list),
             course,
             field,
+            fields,
             fresh: Arc::new(plant.clone()),
             plant,
         })
@@ -235,6 +249,17 @@ impl Episode {
         self.course.seed(self.number)
     }
 
+    /// Lets the UAV number `uav` observe and act.
+    pub fn act_as(&mut self, uav: usize) {
+        self.uav = uav;
+        self.field = Arc::clone(&self.fields[self.kind()]);
+    }
+
+    /// The kind of the UAV that observes and acts.
+    fn kind(&self) -> usize {
+        self.course.scenario.kind_of(self.uav)
+    }
+
     /// The last flight of the UAV that observes and acts.
     pub fn flight(&self) -> &FlightReport {
         self.plant.flight(self.uav)
@@ -265,11 +290,11 @@ impl Episode {
         View {
             slot: self.plant.slot() + 1,
             position: flight.position(),
-            battery: BatteryState::after(flight),
+            battery: BatteryState::from(flight),
             belief: believed(&self.plant, &self.field),
             table: &self.field,
             timing: Timing::Free,
-            links: None,
+            heard: &Heard::NOTHING,
             neighbours: None,
             stop: &NEVER,
         }
@@ -277,9 +302,10 @@ impl Episode {
 
     /// Calls `work` with what the UAV sees, and with the rules for it.
     fn served<T>(&mut self, work: impl FnOnce(&View<'_>, &mut RuleBook) -> T) -> T {
-        let mut rules = self.decided.0.take().unwrap_or_else(|| Box::new(self.field.rules()));
+        let kind = self.kind();
+        let mut rules = self.decided[kind].0.take().unwrap_or_else(|| Box::new(self.field.rules()));
         let done = work(&self.view(), &mut rules);
-        self.decided.0 = Some(rules);
+        self.decided[kind].0 = Some(rules);
         done
     }
 

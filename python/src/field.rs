@@ -12,6 +12,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
+use skysink_common::told::Told;
 use skysink_planner::geometry::disks::Disk;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::route::route::Route;
@@ -55,7 +56,8 @@ impl FieldData {
     pub fn of_setup(setup: &Setup<'_>) -> Arc<Self> {
         let sensors = &setup.table.sensors;
         let node = |id: u32| {
-            let (at, sampler) = (sensors.position(id), sensors.sampler(id));
+            let at = sensors.position(id);
+            let sampler = sensors.sampler(id);
             SensorNode {
                 x_m: at.x,
                 y_m: at.y,
@@ -104,13 +106,13 @@ impl FieldData {
         self.sensors.positions.iter().flat_map(fractions).map(|fraction| fraction as f32)
     }
 
-    /// The sensor nodes that a UAV at `uav` [m] serves by default.
-    pub fn fullest(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Vec<u32> {
+    /// The sensor nodes that a UAV at `uav` [m] serves by default, of those that send.
+    pub fn fullest(&self, uav: &Point3<f64>, told: Told<'_>) -> Vec<u32> {
         let mut ids = Vec::new();
         if self.mission.settings.objective.is_collect() {
-            fill_most_in_range(self, uav, queues_bits, &mut ids);
+            fill_most_in_range(self, uav, told, &mut ids);
         } else {
-            fill_fullest_in_range(self, &uav.xy(), queues_bits, &mut ids);
+            fill_fullest_in_range(self, &uav.xy(), told, &mut ids);
         }
         ids
     }
@@ -181,23 +183,39 @@ impl PyField {
         FieldData::of(scenario, nodes).map(Self::new)
     }
 
-    /// The values of queues [bit].
+    /// Whether zones leave a place to serve a sensor node from.
+    pub fn is_reachable(&self, id: u32) -> bool {
+        self.data.is_reachable(id)
+    }
+
+    /// The values of queues [bit], by the numbers of answers.
     pub fn values<'py>(
         &self,
         py: Python<'py>,
         queues_bits: &Bound<'py, PyArray1<u32>>,
+        answers: &Bound<'py, PyArray1<u8>>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let queues_bits = queues_bits.try_readonly()?;
-        let values = (0..).zip(queues_bits.as_slice()?).map(|(id, &bits)| self.data.value(id, bits));
-        read_only(PyArray1::from_iter(py, values))
+        let answers = answers.try_readonly()?;
+        let nodes = (0..).zip(queues_bits.as_slice()?).zip(answers.as_slice()?);
+        let value =
+            |((id, &bits), &answer): ((u32, &u32), &u8)| if answer == 0 { self.data.value(id, bits) } else { 0 };
+        read_only(PyArray1::from_iter(py, nodes.map(value)))
     }
 
-    /// The sensor nodes that one slot from `from` may serve.
-    pub fn reachable<'py>(&self, py: Python<'py>, from: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+    /// The sensor nodes that send, by the numbers of `answers`, and that one slot from `from` may serve.
+    pub fn reachable<'py>(
+        &self,
+        py: Python<'py>,
+        from: &Bound<'py, PyAny>,
+        answers: &Bound<'py, PyArray1<u8>>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let from = ground(from)?;
+        let answers = answers.try_readonly()?;
+        let answers = answers.as_slice()?;
         let mut ids = Vec::new();
         self.data.sensors.grid.visit_within(&from, self.reach_m, |node| {
-            if self.data.may_serve_next(&from, &node.position) {
+            if answers[node.id as usize] == 0 && self.data.may_serve_next(&from, &node.position) {
                 ids.push(node.id);
             }
         });
@@ -287,7 +305,7 @@ impl PyField {
     #[getter]
     fn servable<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let ids = self.data.sensors.ids();
-        read_only(PyArray1::from_iter(py, ids.map(|id| self.data.is_servable(id))))
+        read_only(PyArray1::from_iter(py, ids.map(|id| self.data.is_reachable(id))))
     }
 
     /// The base that the UAV has to come back to; None if it need not.

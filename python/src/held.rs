@@ -1,6 +1,7 @@
 //! What a scenario holds in memory instead of files.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use pyo3::prelude::*;
 use skysink_common::arrivals::ArrivalTrace;
@@ -16,26 +17,27 @@ const MAP_COLUMN: &str = "sensor";
 #[derive(Clone, Default)]
 pub struct Held {
     pub arrivals: Option<ArrivalTrace>,
-    pub table: Option<&'static RateTable>,
-    pub map: Option<&'static LinkMap>,
+    pub table: Option<Arc<RateTable>>,
+    pub map: Option<Arc<LinkMap>>,
 }
 
 impl Held {
     pub fn of(scenario: &Scenario) -> Self {
         // The sensor nodes of a changed scenario may be at other places.
-        let unplaced = |map: &LinkMap| map.clone().at_places(&[]).held();
-        Self { arrivals: scenario.trace.clone(), table: scenario.link.table, map: scenario.link.map.map(unplaced) }
+        let unplaced = |map: &Arc<LinkMap>| LinkMap::clone(map).at_places(&[]).shared();
+        let map = scenario.link.map.as_ref().map(unplaced);
+        Self { arrivals: scenario.trace.clone(), table: scenario.link.table.clone(), map }
     }
 
     /// What stands for the files of the channel.
     pub fn overrides(&self) -> Overrides {
-        Overrides { table: self.table, map: self.map, ..Overrides::default() }
+        Overrides { table: self.table.clone(), map: self.map.clone(), ..Overrides::default() }
     }
 
     /// The texts of the files: of the arrivals, of the channel and of its rates.
     pub fn texts(&self) -> [Option<String>; 3] {
-        let (levels, rates) = self.map.map(LinkMap::to_csv).unzip();
-        let channel = self.table.map(RateTable::to_csv).or(levels);
+        let (levels, rates) = self.map.as_deref().map(LinkMap::to_csv).unzip();
+        let channel = self.table.as_deref().map(RateTable::to_csv).or(levels);
         [self.arrivals.as_ref().map(ArrivalTrace::to_csv), channel, rates.flatten()]
     }
 
@@ -45,10 +47,10 @@ impl Held {
         let header = text.lines().next().unwrap_or_default();
         if !header.split(',').any(|column| column.trim() == MAP_COLUMN) {
             let table = RateTable::parse(text, path).map_err(refused)?;
-            return Ok(Self { table: Some(table.held()), ..Self::default() });
+            return Ok(Self { table: Some(table.shared()), ..Self::default() });
         }
         let steps = rates.map(|rates| LinkMap::parse_steps(rates, Path::new("rates"))).transpose().map_err(refused)?;
         let map = LinkMap::parse(text, path, steps).map_err(refused)?;
-        Ok(Self { map: Some(map.held()), ..Self::default() })
+        Ok(Self { map: Some(map.shared()), ..Self::default() })
     }
 }

@@ -94,9 +94,10 @@ fn uav(episode: &Episode, numbers: &mut [f32]) {
     numbers.iter_mut().zip(fractions).for_each(|(number, fraction)| *number = fraction.clamp(0.0, 1.0) as f32);
 }
 
-/// The queues, true or estimated, as fractions of the buffers.
+/// The queues, true or estimated, as fractions of the buffers; 0 of sensor nodes that are known to be dead or silent.
 fn queues(episode: &Episode, numbers: &mut [f32]) {
-    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits()).zip(&episode.field.buffers_bits);
+    let servable_bits = episode.plant.field().servable_bits();
+    let pairs = numbers.iter_mut().zip(&*servable_bits).zip(&episode.field.buffers_bits);
     pairs.for_each(|((number, &bits), buffer_bits)| *number = bits as f32 / buffer_bits);
 }
 
@@ -112,7 +113,9 @@ fn positions(episode: &Episode, numbers: &mut [f32]) {
 
 /// The mean of the queue of sensor node `id` as a fraction of its buffer.
 fn belief(episode: &Episode, id: u32) -> f64 {
-    of_buffer(episode, id, episode.plant.field().believed_bits()[id as usize].into())
+    let field = episode.plant.field();
+    let is_known_out = !field.known_answer(id).sends();
+    of_buffer(episode, id, if is_known_out { 0.0 } else { field.believed_bits()[id as usize].into() })
 }
 
 /// The standard deviation of the same.
@@ -340,7 +343,7 @@ impl Episode {
     pub fn observe_flat(&mut self, numbers: &mut [f32]) {
         let width = self.width();
         for uav in 0..numbers.len() / width {
-            self.uav = uav;
+            self.act_as(uav);
             let first = uav * width;
             let mut begin = first;
             for (kind, shape) in self.observed().observables().zip(self.shapes()) {
@@ -367,7 +370,7 @@ impl Episode {
         let mut numbers = vec![0.0; 2 * uavs + sensors + 1];
         let (positions, others) = numbers.split_at_mut(2 * uavs);
         for (number, position) in positions.chunks_mut(2).enumerate() {
-            self.uav = number;
+            self.act_as(number);
             uav(self, position);
         }
         queues(self, &mut others[..sensors]);
@@ -385,7 +388,8 @@ impl Episode {
     pub fn returns_from(&self, id: u32) -> bool {
         let field = &self.field;
         let flight = self.flight();
-        let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
+        let from = flight.position().xy();
+        let sensor = field.sensors.position(id);
         let Some(route) = field.route_into(&from, sensor, field.limits.comm_radius_m) else { return false };
         let after = self.plant.slot() + u64::from(route.slots()).max(1);
         let energy_j = flight.energy_j - route.energy_j();
@@ -396,6 +400,6 @@ impl Episode {
     pub fn reaches(&self, id: u32) -> bool {
         let uav = self.flight().position().xy();
         let is_near = within(self.field.sensors.position(id), &uav, self.field.limits.reach_m);
-        is_near && !self.plant.field().is_out(id)
+        is_near && self.plant.field().known_answer(id).sends()
     }
 }

@@ -38,8 +38,8 @@ impl Reward {
         }
     }
 
-    /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes, if the reward is
-    /// weighted.
+    /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes, if the reward
+    /// is weighted.
     pub fn weighted_bits(episode: &Episode) -> [f64; 2] {
         let field = episode.plant.field();
         let weights = &episode.weights;
@@ -68,7 +68,8 @@ pub fn differences(episode: &mut Episode, plans: &Plans, rewards: &mut [f32]) ->
     let reaches = |uav: usize, id: u32| {
         let flight = episode.plant.flight(uav);
         let serves = !matches!(flight.flown_mode(), Mode::Hold | Mode::Charge | Mode::Down);
-        let (sensor, radius_m) = (episode.field.sensors.position(id), episode.field.limits.comm_radius_m);
+        let sensor = episode.field.sensors.position(id);
+        let radius_m = episode.field.limits.comm_radius_m;
         serves && ids[uav].contains(&id) && within(sensor, &flight.position().xy(), radius_m)
     };
     for (uav, reward) in rewards.iter_mut().enumerate() {

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
+use skysink_common::slot_record::{ByUav, SlotRecord};
 use skysink_common::stop::Stop;
 use skysink_mission::drive::{Observer, Planned, SlotSink};
 use skysink_mission::figures::Summary;
@@ -20,7 +20,7 @@ use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
 use skysink_mission::sensor_results::{SensorResult, SensorTally};
 use skysink_mission::trace::{RecordedSlot, TraceHash};
-use skysink_mission::{MissionError, Plant, Replay, drive};
+use skysink_mission::{MissionError, Orders, Plant, Replay, drive};
 use skysink_planner::strategies::PYTHON;
 
 use crate::errors::{of_mission, refused};
@@ -114,19 +114,19 @@ pub struct PyRun {
 impl PyRun {
     /// Simulates the mission with its plans, and returns the plant after it.
     fn fly_again(&self, observer: &mut dyn Observer) -> Result<Plant, MissionError> {
-        let plans = |slots: &ByUav<RecordedSlot>| slots.iter().map(|slot| self.mode.plan_of(slot)).collect();
-        fly(&self.scenario.scenario, &self.list, &self.mode, self.slots.iter().map(plans), observer)
+        let orders = self.slots.iter().map(|slots| self.mode.orders_of(slots));
+        fly(&self.scenario.scenario, &self.list, orders, observer)
     }
 
-    /// The mission flown by these plans, without planning times.
+    /// The mission flown by these plans, or orders, without planning times.
     pub fn of_plans(
         scenario: PyScenario,
         list: SensorList,
-        plans: impl Iterator<Item = Plans>,
+        plans: impl Iterator<Item: Into<Orders>>,
         mode: RunMode,
     ) -> Result<Self, MissionError> {
         let mut recorder = RunRecorder::new(&scenario.scenario, &list);
-        let plant = fly(&scenario.scenario, &list, &mode, plans, &mut recorder)?;
+        let plant = fly(&scenario.scenario, &list, plans, &mut recorder)?;
         Ok(recorder.end(scenario, list, &plant, mode).untimed())
     }
 
@@ -153,15 +153,14 @@ impl PyRun {
     }
 }
 
-/// Simulates a mission with these plans, flown like `mode`, and returns the plant after it.
+/// Simulates a mission with these plans, or orders, and returns the plant after it.
 fn fly(
     scenario: &Scenario,
     list: &SensorList,
-    mode: &RunMode,
-    plans: impl Iterator<Item = Plans>,
+    plans: impl Iterator<Item: Into<Orders>>,
     observer: &mut dyn Observer,
 ) -> Result<Plant, MissionError> {
-    let mut plant = Plant::new(scenario, list).repeating_reports(mode.has_reported_flights());
+    let mut plant = Plant::new(scenario, list);
     drive(&mut plant, &mut Planned(plans), &mut [observer], &Stop::default())?;
     Ok(plant)
 }
@@ -307,8 +306,8 @@ impl PyRun {
             trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
         let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
         let uavs = scenario.scenario.uav.uavs();
-        let plans = slots.chunks_exact(uavs).map(|slots| slots.iter().map(|slot| mode.plan_of(slot)).collect());
-        let run = Self::of_plans(scenario, list, plans, mode.clone()).map_err(of_mission)?;
+        let orders = slots.chunks_exact(uavs).map(|slots| mode.orders_of(slots));
+        let run = Self::of_plans(scenario, list, orders, mode.clone()).map_err(of_mission)?;
         Ok(Self { summary: serde_json::from_str(summary).map_err(refused)?, ..run })
     }
 

@@ -113,9 +113,9 @@ impl PyScenario {
         Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), Held::default())
     }
 
-    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and ``rates``
-    /// are the texts of the files of ``sensors.arrivals.file``, ``link.file`` and ``link.rates``, which are then not
-    /// read. Raises :class:`InputError`.
+    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and
+    /// ``rates`` are the texts of the files of ``sensors.arrivals.file``, ``link.file`` and ``link.rates``, which are
+    /// then not read. Raises :class:`InputError`.
     #[staticmethod]
     #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None, channel = None, rates = None))]
     fn parse(
@@ -145,7 +145,7 @@ impl PyScenario {
     ) -> PyResult<Self> {
         let rates_bps = rates_bps.as_array().iter().copied().collect();
         let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps);
-        let table = table.map_err(|message| refused(format!("channel: {message}")))?.held();
+        let table = table.map_err(|message| refused(format!("channel: {message}")))?.shared();
         let keys = [("link.model".to_owned(), "table".into()), ("link.file".to_owned(), CHANNEL.into())];
         self.changed(keys, Held { arrivals: self.scenario.trace.clone(), table: Some(table), map: None })
     }
@@ -170,7 +170,7 @@ impl PyScenario {
         let levels = levels.as_array();
         let values: Vec<f64> = levels.iter().copied().collect();
         let map = LinkMap::of_arrays([x_m, y_m, z_m], levels.shape(), &values, rates).map_err(of_links)?;
-        self.changed(keys, Held { arrivals: self.scenario.trace.clone(), table: None, map: Some(map.held()) })
+        self.changed(keys, Held { arrivals: self.scenario.trace.clone(), table: None, map: Some(map.shared()) })
     }
 
     /// Mean bits that the SNs sample in a slot, [N], as a copy.
@@ -224,6 +224,18 @@ impl PyScenario {
     #[getter]
     fn slots(&self) -> u64 {
         self.scenario.slots
+    }
+
+    /// For each UAV a dictionary of its keys of ``[uav]``, and its ``resource_blocks``.
+    #[getter]
+    fn uavs<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let keys = |uav: usize| {
+            let alone = self.scenario.of_uav(uav);
+            let mut keys = Table::try_from(&alone.uav).expect("keys are plain tables of numbers and strings");
+            keys.insert("resource_blocks".to_owned(), Value::Integer(alone.link.resource_blocks as i64));
+            json(py, &keys)
+        };
+        (0..self.scenario.uav.uavs()).map(keys).collect()
     }
 
     /// The file, or what stands for it in errors. Files that the scenario names are relative to its folder.

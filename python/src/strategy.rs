@@ -208,7 +208,8 @@ impl PyStrategy {
         object.call_method1(py, "begin", (&field,))?;
         let base = py.import("skysink.strategy")?.getattr("Strategy")?;
         let observes = !object.bind(py).get_type().getattr("observe")?.is(&base.getattr("observe")?);
-        let (serving, raised) = (Serving::new(setup), raised.clone());
+        let serving = Serving::new(setup);
+        let raised = raised.clone();
         Ok(Self { object, field, sampling_bps, contacts, serving, observes, raised })
     }
 

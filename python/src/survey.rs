@@ -43,8 +43,8 @@ pub fn positions_m<'py>(
     Ok(Array2::from(rows).into_pyarray(py))
 }
 
-/// Polygons [m] that grow by at most `tolerance_m`, but not over the places `kept`, until they have at most `most` corners
-/// altogether.
+/// Polygons [m] that grow by at most `tolerance_m`, but not over the places `kept`, until they have at most `most`
+/// corners altogether.
 #[pyfunction]
 pub fn simplified_polygons(
     polygons: Vec<Vec<[f64; 2]>>,

@@ -142,8 +142,8 @@ impl PySweepPlan {
         missions.into_iter().map(fly_one).collect()
     }
 
-    /// Runs the missing missions on `threads` threads of this process, for built-in strategies only, and tells `progress`
-    /// the number of finished and of all missions.
+    /// Runs the missing missions on `threads` threads of this process, for built-in strategies only, and tells
+    /// `progress` the number of finished and of all missions.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize, progress: Option<Py<PyAny>>) -> PyResult<PyTable> {
         let (journal, raised) = interruptible(py, |stop| {
             let raised = Raised::new(stop);

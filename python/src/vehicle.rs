@@ -29,9 +29,11 @@ pub struct PyVehicle {
 impl PyVehicle {
     /// The vehicles of a scenario, flown by an object.
     pub fn of_uavs(object: Py<PyAny>, scenario: &Scenario, raised: &Raised) -> Vec<Box<dyn OutsideVehicle>> {
-        let (object, scenario) = (Arc::new(object), Arc::new(scenario.clone()));
+        let object = Arc::new(object);
+        let scenario = Arc::new(scenario.clone());
         let vehicle = |uav| -> Box<dyn OutsideVehicle> {
-            let (object, scenario) = (Arc::clone(&object), Arc::clone(&scenario));
+            let object = Arc::clone(&object);
+            let scenario = Arc::clone(&scenario);
             Box::new(Self { object, uav, scenario, raised: raised.clone(), delivered: None })
         };
         (0..scenario.uav.uavs()).map(vehicle).collect()

@@ -1,13 +1,15 @@
 //! What a strategy in Python sees of a slot: its view, the other UAVs, their flights, and routes.
 
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray1, PyArray2, ToPyArray};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods as _, ToPyArray};
 use pyo3::prelude::*;
 use skysink_common::message::{FlightReport, HeardLink};
+use skysink_common::nodes::Answer;
 use skysink_planner::neighbours::Neighbours;
 use skysink_planner::strategy::View;
 
 use crate::belief::{Contacts, PyBelief, new_object};
+use crate::errors::refused;
 use crate::field::PyField;
 use crate::route::PyRoute;
 use crate::values::read_only;
@@ -24,6 +26,9 @@ pub struct PyView {
     ///
     /// It is unsigned: use ``astype(np.int64)`` for differences.
     queues_bits: Py<PyArray1<u32>>,
+    /// What each SN is known to do when it is served in this slot, uint8 [N], read-only: 0 sends its queue, 1 is
+    /// silent, and sends later, 2 is dead. All are 0 without ``sensors.energy`` and ``link.duty_cycle``.
+    answers: Py<PyArray1<u8>>,
     /// Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only.
     sampling_bps: Py<PyArray1<f64>>,
     /// Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
@@ -31,8 +36,8 @@ pub struct PyView {
     belief: Py<PyBelief>,
     /// What stays the same.
     field: Py<PyField>,
-    /// SNR of each SN that the UAV hears at the start of the slot [dB], float32 [N], read-only: NaN for those that it does
-    /// not. None without ``link.beacon_radius_m``.
+    /// SNR of each SN that the UAV hears at the start of the slot [dB], float32 [N], read-only: NaN for those that it
+    /// does not. None without ``link.beacon_radius_m``.
     links: Option<Py<PyArray1<f32>>>,
     /// Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery.
     energy_j: f64,
@@ -65,15 +70,17 @@ impl PyView {
         let belief = PyBelief::of(py, view, &queues_bits, &sampling_bps, contacts)?;
         let home = &view.table.home;
         let after = view.slot - 1;
+        let answers = view.table.sensors.ids().map(|id| view.answer(id) as u8);
         let ground = view.ground();
         Ok(Self {
             slot: view.slot,
             uav: read_only([view.position.x, view.position.y, view.position.z].to_pyarray(py))?.unbind(),
             queues_bits: queues_bits.unbind(),
+            answers: read_only(PyArray1::from_iter(py, answers))?.unbind(),
             sampling_bps: sampling_bps.unbind(),
             belief: Py::new(py, belief)?,
             field: field.clone_ref(py),
-            links: view.links.map(|links| snrs_db(py, view, links)).transpose()?,
+            links: view.heard.links.as_deref().map(|links| snrs_db(py, view, links)).transpose()?,
             energy_j: view.battery.energy_j,
             is_charging: view.battery.is_charging,
             energy_left_home_j: home.margin_j(after, view.battery.energy_j, &ground),
@@ -86,17 +93,36 @@ impl PyView {
 #[pymethods]
 impl PyView {
     /// The values of the queues by which built-in strategies compare them, w_i B_i in a common unit, uint32 [N],
-    /// read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide.
+    /// read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide, or that do not send.
     #[getter]
     fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        self.field.get().values(py, self.queues_bits.bind(py))
+        self.field.get().values(py, self.queues_bits.bind(py), self.answers.bind(py))
     }
 
-    /// Ids of the SNs whose range one slot leads into, around zones, of those that are nearer than the reach of a slot;
-    /// ascending.
+    /// What SN ``id`` is known to do when it is served in this slot: ``queue`` if it sends, ``silent``, or ``dead``.
+    fn answer(&self, py: Python<'_>, id: usize) -> PyResult<&'static str> {
+        let answers = self.answers.bind(py).try_readonly()?;
+        let answers = answers.as_slice()?;
+        let answer = answers.get(id).and_then(|&answer| Answer::from_repr(answer));
+        let unknown = || refused(format!("id {id}: expected the id of a sensor node, below {}", answers.len()));
+        Ok(answer.ok_or_else(unknown)?.into())
+    }
+
+    /// Whether each SN can be served in this slot, [N], read-only: it has a place in its range that the UAV can fly to,
+    /// and is not known to be silent or dead.
+    #[getter]
+    fn servable<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        let field = self.field.get();
+        let answers = self.answers.bind(py).try_readonly()?;
+        let ids = (0..).zip(answers.as_slice()?);
+        read_only(PyArray1::from_iter(py, ids.map(|(id, &answer)| answer == 0 && field.is_reachable(id))))
+    }
+
+    /// Ids of the SNs that send and whose range one slot leads into, around zones, of those that are nearer than the
+    /// reach of a slot; ascending.
     #[getter]
     fn reachable<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        self.field.get().reachable(py, self.uav.bind(py).as_any())
+        self.field.get().reachable(py, self.uav.bind(py).as_any(), self.answers.bind(py))
     }
 
     /// The route from the UAV to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there is

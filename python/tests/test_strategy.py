@@ -39,6 +39,54 @@ def test_gfs_in_ten_lines_has_the_bytes_of_gfs(tmp_path: Path, name: str, knowle
     assert skysink.simulate(scenario, made()(), label="mine").strategy == "mine"
 
 
+ANSWERING = '''
+import skysink
+
+class GFS(skysink.Strategy):
+    def plan(self, view):
+        near = view.field.within(view.uav, view.field.reach_m)
+        sending = near[view.answers[near] == 0]
+        assert set(sending) == set(view.reachable) and view.servable[sending].all()
+        if not len(sending):
+            return None
+        return skysink.Decision(view.field.positions_m[sending[view.values[sending].argmax()]])
+'''
+"""The rule of `gfs` where sensor nodes may be silent or dead."""
+
+
+@pytest.mark.parametrize("knowledge", ["oracle", "estimated"])
+@pytest.mark.parametrize(
+    ("keys", "answer"),
+    [
+        ({"sensors.energy.capacity_j": 5.0, "sensors.energy.sleep_w": 0.1}, "dead"),
+        ({"link.duty_cycle": 0.00002, "link.duty_window_s": 40.0}, "silent"),
+    ],
+)
+def test_gfs_leaves_out_the_sensor_nodes_that_gfs_leaves_out(
+    keys: dict[str, float], answer: str, knowledge: str
+) -> None:
+    names: dict[str, Any] = {}
+    exec(ANSWERING, names)
+    seen = set()
+
+    class Named(names["GFS"]):  # type: ignore[misc]
+        def plan(self, view: skysink.View) -> skysink.Decision | None:
+            told = [view.answer(node) for node in range(len(view.field))]
+            assert told == [("queue", "silent", "dead")[number] for number in view.answers]
+            assert not view.values[view.answers != 0].any()
+            seen.update(told)
+            with pytest.raises(skysink.InputError, match="below"):
+                view.answer(len(view.field))
+            decision: skysink.Decision | None = super().plan(view)
+            return decision
+
+    scenario = skysink.Scenario.load(ROOT / "scenarios" / "smoke.toml")
+    scenario = scenario.replace({"planner.knowledge": knowledge, **keys})
+    mine, theirs = skysink.simulate(scenario, Named), skysink.simulate(scenario, "gfs")
+    assert mine.summary["trace_hash"] == theirs.summary["trace_hash"]
+    assert seen == {"queue", answer}
+
+
 class Watch(skysink.Strategy):
     """Stays where it is and keeps what it saw."""
 

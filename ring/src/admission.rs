@@ -51,16 +51,8 @@ impl Admission {
             topic.refusals.add(topic.row.name, header.slot, refusal, 1);
             Verdict::Refused
         };
-        if header.mission != topic.member.terms.mission {
-            return refuse(Refusal::Mission);
-        }
-        if topic.row.is_by_uav
-            && topic.member.uavs.is_some_and(|uavs| sample.header().number_of_elements() != uavs as u64)
-        {
-            return refuse(Refusal::Uavs);
-        }
-        if limit.is_some_and(|limit| header.slot > limit) {
-            return refuse(Refusal::FarSlot);
+        if let Some(refusal) = foreign(topic, sample, limit) {
+            return refuse(refusal);
         }
         let order = order(header);
         let is_possible = H::are_possible(std::slice::from_ref(sample.user_header()))
@@ -101,6 +93,23 @@ impl Admission {
         self.epoch = header.epoch;
         self.second_writer = None;
         Verdict::NewWriter
+    }
+}
+
+/// Why a sample cannot be of this mission, of all its UAVs and of a slot up to `limit`; `None` if it can.
+fn foreign<S: Service + 'static, P: Payload + ?Sized, H: Header>(
+    topic: &TopicShared<S, P, H>,
+    sample: &Sample<S, P, H>,
+    limit: Option<u64>,
+) -> Option<Refusal> {
+    let header = sample.user_header().head();
+    let elements = sample.header().number_of_elements();
+    let is_of_all = !topic.row.is_by_uav || topic.member.uavs.is_none_or(|uavs| elements == uavs as u64);
+    match () {
+        () if header.mission != topic.member.terms.mission => Some(Refusal::Mission),
+        () if !is_of_all => Some(Refusal::Uavs),
+        () if limit.is_some_and(|limit| header.slot > limit) => Some(Refusal::FarSlot),
+        () => None,
     }
 }
 

@@ -96,7 +96,8 @@ impl Janitor {
 /// Starts a thread that does what the [`Janitor`] does once the launcher, which has locked `supervisor`, is dead, as
 /// long as the process runs and the ring has a folder.
 pub(crate) fn stand_by(folder: &RingFolder, supervisor: File) {
-    let (path, prefix) = (folder.path().to_owned(), folder.prefix());
+    let path = folder.path().to_owned();
+    let prefix = folder.prefix();
     thread::spawn(move || {
         while supervisor.try_lock_shared().is_err() {
             thread::sleep(SUPERVISOR_CHECK);

@@ -118,4 +118,6 @@ macro_rules! payload {
 }
 
 payload!(T, std::slice::from_ref, publisher, messages => publisher.loan_uninit()?.write_payload(messages[0]));
-payload!([T], std::convert::identity, publisher, messages => publisher.loan_slice_uninit(messages.len())?.write_from_slice(messages));
+payload!([T], std::convert::identity, publisher, messages => {
+    publisher.loan_slice_uninit(messages.len())?.write_from_slice(messages)
+});

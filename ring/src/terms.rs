@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
+use skysink_common::scenario::Scenario;
 
 use crate::wait::Waiting;
 
@@ -29,6 +30,8 @@ pub struct Terms {
     pub belief: Option<Rates>,
     /// Within what distance UAVs hear sensor nodes [m], if the run has the topic `links`.
     pub beacon_radius_m: Option<f64>,
+    /// Whether sensor nodes may be dead or silent: the run has the topic `answers`.
+    pub may_refuse: bool,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,
 }
@@ -55,12 +58,23 @@ impl Default for Terms {
             viewer: false,
             belief: None,
             beacon_radius_m: None,
+            may_refuse: false,
             link: None,
         }
     }
 }
 
 impl Terms {
+    /// The default, with the topics that the run of a scenario has.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        Self {
+            beacon_radius_m: scenario.link.beacon_radius_m,
+            may_refuse: scenario.node_traits().may_refuse,
+            ..Self::default()
+        }
+    }
+
     /// Whether the run has the topic `belief`.
     pub fn has_belief(&self) -> bool {
         self.belief.is_some()
@@ -69,6 +83,11 @@ impl Terms {
     /// Whether the run has the topic `links`.
     pub fn has_beacons(&self) -> bool {
         self.beacon_radius_m.is_some()
+    }
+
+    /// Whether the run has the topic `answers`.
+    pub fn may_refuse(&self) -> bool {
+        self.may_refuse
     }
 
     /// Whether the run has the topic `rates`.

@@ -9,8 +9,8 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 use skysink_common::message::{
-    Commit, FLAG_END, FlightReport, HeardLink, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader, SlotHeader,
-    Tick,
+    Commit, FLAG_END, FlightReport, HeardLink, NodeAnswer, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
+    SlotHeader, Tick,
 };
 
 use crate::cleanup::{is_only_node, purge_dead_nodes};
@@ -26,7 +26,7 @@ use crate::topic::{OnFullBuffer, Opening, Participant, SamplesPerSlot, Topic, To
 use crate::wait::{PAUSE, WaitContext};
 
 /// Version of the messages and their semantics; processes of different versions refuse each other.
-pub const SCHEMA: u32 = 12;
+pub const SCHEMA: u32 = 13;
 
 /// Buffer of the viewer and of the recorder [samples].
 pub const VIEWER_BUFFER: usize = 64;
@@ -128,8 +128,15 @@ topics! {
         exists: Terms::has_belief,
     }
 
-    /// The queue of each sensor node after each slot [bit], 4294967295 of a dead one, 2^31 more of one without airtime
-    /// (decision D33), also in `belief`; ledger totals in the header.
+    /// What each sensor node does in the next slot, where some may be dead or silent (decision D33). Sent before
+    /// `queues`: a process that has the queues of a slot then has the answers, too.
+    answers: OptionalTopic<[NodeAnswer], SlotHeader> {
+        writer: FieldSim,
+        readers: &[Planner, Viewer],
+        exists: Terms::may_refuse,
+    }
+
+    /// The queue of each sensor node after each slot [bit], 0 of a dead one; ledger totals in the header.
     queues: Topic<[u32], QueuesHeader> {
         writer: FieldSim,
         readers: &[Planner, Viewer, Launcher],
@@ -403,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_carries_optional_topics_to_the_planner_alone() {
+    fn a_link_carries_optional_topics_to_their_readers_alone() {
         let estimated = Terms { belief: Some(Rates::Known), ..Terms::default() };
         let has_belief = |role| LinkedServices::of(&estimated, &[role]).all.contains(&"skysink/belief".to_owned());
         assert!(has_belief(Planner) && !has_belief(Viewer));
@@ -414,6 +421,10 @@ mod tests {
         let has_links = |role| LinkedServices::of(&hearing, &[role]).all.contains(&"skysink/links".to_owned());
         assert!(has_links(FlightSim) && has_links(Planner) && !has_links(FieldSim));
         assert!(!services(&Terms::default()).contains(&"skysink/links".to_owned()));
+        let refusing = Terms { may_refuse: true, ..Terms::default() };
+        let has_answers = |role| LinkedServices::of(&refusing, &[role]).all.contains(&"skysink/answers".to_owned());
+        assert!(has_answers(FieldSim) && has_answers(Planner) && !has_answers(FlightSim));
+        assert!(!services(&Terms::default()).contains(&"skysink/answers".to_owned()));
     }
 
     #[test]

@@ -6,7 +6,8 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::{Scenario, SimplifiedZones};
 use skysink_common::sensors::SensorList;
 
-/// What was ignored in the files of the scenario, how its zones are simplified, and which of its places were probably not meant, a line each.
+/// What was ignored in the files of the scenario, how its zones are simplified, and which of its places were probably
+/// not meant, a line each.
 pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
     let nodes: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
     let node_name = |node: usize| match scenario.sensor_file() {
@@ -28,7 +29,7 @@ pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
 
 /// The map of links does not cover, up to a cell, where some SNs are served.
 fn short_maps(scenario: &Scenario, list: &SensorList) -> Option<String> {
-    let map = scenario.link.map?;
+    let map = scenario.link.map.as_ref()?;
     let uav = &scenario.uav;
     let altitudes_m = uav.climb().map_or([uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let sides_m = [scenario.area.width_m(), scenario.area.height_m()];
@@ -76,8 +77,8 @@ fn simplified(scenario: &Scenario) -> Option<String> {
         let most_m = scenario.area.simplify_m();
         let grown = distance(grown_m);
         format!(
-            "the {given_corners} corners of zones, buildings and boundary are simplified to {corners}: closed ground grows \
-             by up to {grown} (area.simplify_m, at most {most_m} m)"
+            "the {given_corners} corners of zones, buildings and boundary are simplified to {corners}: closed ground \
+             grows by up to {grown} (area.simplify_m, at most {most_m} m)"
         )
     })
 }

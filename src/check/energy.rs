@@ -131,8 +131,8 @@ impl EnergyFigures {
     pub fn landing_warning(&self) -> Option<String> {
         let sigma = scaled(self.missed_by_m?, "m");
         Some(format!(
-            "the UAV may miss the base again and again until its energy ends: slots end beside their waypoints by {sigma}, \
-             and the base's rim is less than twice that from its middle"
+            "the UAV may miss the base again and again until its energy ends: slots end beside their waypoints by \
+             {sigma}, and the base's rim is less than twice that from its middle"
         ))
     }
 

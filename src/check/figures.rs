@@ -1,5 +1,6 @@
 //! The derived figures of a scenario.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
 
@@ -10,6 +11,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_mission::MissionError;
+use skysink_planner::bound::bounding_table;
 use skysink_planner::bound::field_bits::FieldBits;
 use skysink_planner::bound::links::BestLinks;
 use skysink_planner::bound::paths::PathBound;
@@ -49,6 +51,10 @@ pub struct Figures {
     pub reach_m: f64,
     /// What the slots demand of a vehicle, and what wind and errors do.
     pub motion: MotionFigures,
+    /// Of each kind of UAVs `name`, `uavs`, `resource_blocks`, `altitude_m`, `reach_m`, `motion` and `energy`, in which
+    /// they may differ; `reach_m` and `motion` beside it are of the first UAV. Absent if all are equal.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub kinds: Vec<KindFigures>,
     /// The flight that is fixed (`uav.track`); `None` if strategies fly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub track: Option<FixedFlight>,
@@ -99,6 +105,43 @@ pub struct Figures {
     pub loss_free: LossFree,
 }
 
+/// The figures of a kind of UAVs, a table of `[[uav.each]]`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct KindFigures {
+    /// The table, and the drone that it names, such as `uav.each[1], m350`.
+    pub name: String,
+    /// Number of its UAVs.
+    pub uavs: usize,
+    /// Resource blocks of each.
+    pub resource_blocks: usize,
+    /// Distance that a slot reaches in every direction [m].
+    pub reach_m: f64,
+    /// Altitude before slot 1 [m].
+    pub altitude_m: f64,
+    /// What the slots demand of a vehicle, and what wind and errors do.
+    pub motion: MotionFigures,
+    /// What battery and base allow; `None` if the UAVs need not come back.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<EnergyFigures>,
+}
+
+impl KindFigures {
+    /// Of all kinds of a scenario; none if all UAVs are equal.
+    fn of(scenario: &Scenario, sensors: &Sensors) -> Vec<Self> {
+        let named = scenario.kinds().enumerate().filter_map(|(index, kind)| Some((scenario.kind_name(index)?, kind)));
+        let figures = |(name, kind): (String, Cow<'_, Scenario>)| Self {
+            name,
+            uavs: kind.uav.uavs(),
+            resource_blocks: kind.link.resource_blocks,
+            reach_m: kind.reach_m(),
+            altitude_m: kind.uav.altitude_m,
+            motion: MotionFigures { crowded: None, ..MotionFigures::of(&kind) },
+            energy: EnergyFigures::of(&kind, sensors),
+        };
+        named.map(figures).collect()
+    }
+}
+
 /// Most sensor nodes that a warning names.
 const MOST_NAMED: usize = 5;
 
@@ -107,7 +150,10 @@ impl Figures {
     pub fn of(scenario: &Scenario, list: &SensorList) -> Result<Self, MissionError> {
         let nodes = list.nodes();
         let sensors = Arc::new(list.sensors_of(scenario));
-        let table = MissionTable::new(scenario, Arc::clone(&sensors));
+        let table = bounding_table(scenario, Arc::clone(&sensors));
+        let others: Vec<MissionTable> =
+            scenario.kinds().skip(1).map(|kind| MissionTable::new(&kind, Arc::clone(&sensors))).collect();
+        let is_reachable = |id: u32| table.is_reachable(id) || others.iter().any(|other| other.is_reachable(id));
         let field = FieldBits::new(scenario, &sensors, &list.queues_bits());
         let reach_m = scenario.reach_m();
         let comm_radius_m = scenario.link.comm_radius_m;
@@ -126,7 +172,8 @@ impl Figures {
             reach_m,
             motion: MotionFigures::of(scenario),
             track: FixedFlight::of(scenario),
-            energy: EnergyFigures::of(scenario, &sensors),
+            energy: EnergyFigures::of(scenario, &sensors).filter(|_| scenario.fleet.is_none()),
+            kinds: KindFigures::of(scenario, &sensors),
             comm_radius_m,
             anchor_radius_m: reach_m - comm_radius_m,
             neighbour_m: mean_neighbour_m(&table.sensors.positions, &table.sensors.grid),
@@ -137,11 +184,11 @@ impl Figures {
             buffers_bits: range(nodes.iter().map(|node| node.capacity_bits)),
             weights: range(nodes.iter().map(|node| node.weight)),
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
-            load: Load::of(scenario, &sensors, &above),
+            load: Load::of(field.blocks, &sensors, &above),
             outside: scenario.area.border().and_then(|border| outside(&border, &table.sensors.positions)),
-            hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.servable().count()),
+            hidden: (!table.airspace.is_open()).then(|| sensors.ids().filter(|&id| !is_reachable(id)).count()),
             hidden_nodes: {
-                let hidden = sensors.ids().filter(|&id| !table.is_servable(id));
+                let hidden = sensors.ids().filter(|&id| !is_reachable(id));
                 hidden.take(MOST_NAMED).map(|id| list.label(id as usize)).collect()
             },
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > Some(scenario.slots)).count(),
@@ -223,9 +270,9 @@ pub struct Load {
 }
 
 impl Load {
-    fn of(scenario: &Scenario, sensors: &Sensors, above: &LinkFigures) -> Self {
+    fn of(blocks: usize, sensors: &Sensors, above: &LinkFigures) -> Self {
         let offered_bits = sensors.ids().map(|id| sensors.sampler(id).mean_bits).sum();
-        let visits = (scenario.link.resource_blocks * scenario.uav.uavs()).min(sensors.count());
+        let visits = blocks.min(sensors.count());
         let buffers_bits = sensors.ids().map(|id| u64::from(sensors.sampler(id).capacity_bits));
         let most_buffer_bits = buffers_bits.max().unwrap_or(0);
         let visit_bits = above.visit_bits[1].min(most_buffer_bits);

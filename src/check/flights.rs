@@ -58,7 +58,7 @@ impl TrialFlight {
         let mut round = FirstRound { is_served: vec![false; sensors], unserved: sensors, slots: None };
         mission.drive(&mut [&mut round], &Stop::default())?;
         let totals = mission.header().totals;
-        let loss_rate = totals.loss_rate(scenario.node_traits().loses_initial);
+        let loss_rate = list.loss_rate(&scenario).after(scenario.slots, &totals);
         Ok(Self { strategy, lost_bits: totals.lost_bits, loss_rate, round_slots: round.slots })
     }
 }

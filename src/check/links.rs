@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use serde::Serialize;
 use skysink_common::channel::{Channel, ChannelModel};
 use skysink_common::geometry::{Position, above};
+use skysink_common::interpolation::interpolate;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
@@ -71,7 +72,7 @@ fn by_place(scenario: &Scenario, channel: &Channel, nodes: &[SensorNode], distan
 fn best_rate_bps(scenario: &Scenario, channel: &Channel, gain: f64, d2_m2: f64) -> f64 {
     let uav = &scenario.uav;
     let [low_m, high_m] = uav.climb().map_or([uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
-    let z_m = |level: u32| low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);
+    let z_m = |level: u32| interpolate(low_m, high_m, f64::from(level) / f64::from(LEVELS));
     let rate_bps = |level: u32| channel.expected_rate_bps(&channel.uplink_at(gain, d2_m2, z_m(level)));
     (0..=LEVELS).map(rate_bps).fold(0.0, f64::max)
 }

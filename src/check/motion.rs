@@ -76,8 +76,8 @@ impl MotionFigures {
     pub fn start_warning(&self) -> Option<String> {
         let crowded = self.crowded?;
         Some(format!(
-            "{crowded} UAVs start within uav.separation_m of another and outside of a base: waypoints near to a UAV that \
-             waits there are refused (give uav.starts_m farther apart, or a [base] around the starts)"
+            "{crowded} UAVs start within uav.separation_m of another and outside of a base: waypoints near to a UAV \
+             that waits there are refused (give uav.starts_m farther apart, or a [base] around the starts)"
         ))
     }
 

@@ -108,8 +108,8 @@ impl RadioFigures {
             faded: channel.fading().map(|_| of_steady(LinkFigures::at(&steady, nodes, link.comm_radius_m))),
             los_correlation_m: channel.line_of_sight().and_then(|model| model.correlation_m),
             in_sight: channel.buildings().map(|buildings| in_sight(scenario, nodes, buildings)),
-            table: link.table.map(|table| TableFigures::of(scenario, table)),
-            map: link.map.map(LinkMap::size),
+            table: link.table.as_ref().map(|table| TableFigures::of(scenario, table)),
+            map: link.map.as_deref().map(LinkMap::size),
         }
     }
 
@@ -156,7 +156,8 @@ const RINGS: [u32; 2] = [4, 16];
 fn in_sight(scenario: &Scenario, nodes: &[SensorNode], buildings: &Buildings) -> f64 {
     let airspace = scenario.airspace_without_ways();
     let [rings, steps] = RINGS;
-    let (mut places, mut seen) = (0u32, 0u32);
+    let mut places = 0u32;
+    let mut seen = 0u32;
     for node in nodes.iter().step_by(nodes.len().div_ceil(LOOKED_AT).max(1)) {
         let sensor = Position::new(node.x_m, node.y_m);
         for place in 0..rings * steps {
@@ -219,7 +220,7 @@ mod tests {
     fn a_channel_table_is_described_with_its_extent() {
         let table = |distances_m, altitudes_m: Vec<f64>| {
             let rates_bps = vec![7.0; altitudes_m.len() * 4];
-            Some(RateTable::new(distances_m, altitudes_m, vec![0.1, 0.9], rates_bps).unwrap().held())
+            Some(RateTable::new(distances_m, altitudes_m, vec![0.1, 0.9], rates_bps).unwrap().shared())
         };
         let rows = |table, link: &str| {
             let text = format!("name = 'a'\n[link]\nmodel = 'table'\nfile = 'links.csv'\n{link}");

@@ -5,7 +5,7 @@ use skysink_common::channel::LinkBudget;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::strategies::uts;
 
-use super::figures::Figures;
+use super::figures::{Figures, KindFigures};
 use super::quantity::{percent, scaled};
 use super::verdict::LossFree;
 
@@ -25,11 +25,20 @@ pub fn of(scenario: &Scenario, figures: &Figures) -> Vec<String> {
         told_otherwise,
         told_steadier,
         |figures| figures.motion.start_warning(),
-        |figures| figures.motion.warning(),
+        |figures| figures.motion.warning().filter(|_| figures.kinds.is_empty()),
     ];
     let of_figures = rules.into_iter().filter_map(|rule| rule(figures));
     let of_both = [paper_values(scenario, figures), short_slot(scenario, figures)].into_iter().flatten();
-    of_figures.chain(of_both).chain(too_few_slots(figures)).chain(no_rate_at_radius(figures)).collect()
+    let of_kinds = figures.kinds.iter().flat_map(of_kind);
+    of_figures.chain(of_kinds).chain(of_both).chain(too_few_slots(figures)).chain(no_rate_at_radius(figures)).collect()
+}
+
+/// The warnings about the UAVs of a kind, with its name.
+fn of_kind(kind: &KindFigures) -> Vec<String> {
+    let energy = kind.energy.as_ref();
+    let of_energy = energy.map(|energy| [energy.warning(), energy.landing_warning(), energy.stranded_warning()]);
+    let found = of_energy.into_iter().flatten().chain([kind.motion.warning()]).flatten();
+    found.map(|text| format!("{}: {text}", kind.name)).collect()
 }
 
 /// For a reach `V τ ≤ d_c`, most sets that Algorithm 1 finds have no waypoint in reach.
@@ -67,8 +76,8 @@ fn overloaded(figures: &Figures) -> Option<String> {
     let limit = if is_buffer_limited { "buffer size" } else { "radio" };
     let visits = if load.visits == 1 { "1 visit".to_owned() } else { format!("{} visits", load.visits) };
     Some(format!(
-        "the load is {percent} of what {visits} can collect ({offered} of {carried} per slot, limited by the {limit}): once \
-         buffers are full, every strategy loses data"
+        "the load is {percent} of what {visits} can collect ({offered} of {carried} per slot, limited by the {limit}): \
+         once buffers are full, every strategy loses data"
     ))
 }
 
@@ -96,11 +105,12 @@ fn hidden(figures: &Figures) -> Option<String> {
 fn unserved(figures: &Figures) -> Option<String> {
     let advice = match figures.fill_slots {
         Some(_) => {
-            "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use more slots"
+            "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use \
+             more slots"
         }
         None => {
-            "no sensor node samples: no strategy loses data; planner.objective = \"collect\" lets horizon and offline plan \
-             for what is delivered"
+            "no sensor node samples: no strategy loses data; planner.objective = \"collect\" lets horizon and offline \
+             plan for what is delivered"
         }
     };
     (figures.loss_free == LossFree::Unserved && figures.objective.is_none()).then(|| advice.to_owned())

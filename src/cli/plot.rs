@@ -62,7 +62,8 @@ impl PlotCommand {
             return Err(Error::Usage(format!("{}: expected the folder of a sweep or of a run", sweep.display())));
         }
         if self.request.x.is_empty() {
-            let expected = "expected the key of the x axis, one of [axes] of the sweep, such as --x area.side_m; a comparison has none";
+            let expected = "expected the key of the x axis, one of [axes] of the sweep, such as --x area.side_m; a \
+                comparison has none";
             return Err(Error::Usage(format!("{}: {expected}", sweep.display())));
         }
         let drawn = plot(&sweep, &self.request, &self.sheet)?;

@@ -93,13 +93,14 @@ pub fn print_tables(
     }
     print(rows(&labels, &losses))?;
     print(rows(&labels, &OTHERS.each_ref().map(other)))?;
-    match contenders.iter().filter_map(loss).map(|standing| standing.n).max() {
-        Some(missions) if missions > 1 => {
-            let family = if holm { ", p-values for all of them together" } else { "" };
-            print(format_args!("{missions} missions each; differences paired by seed{family}."))
-        }
-        _ => Ok(()),
-    }
+    print_missions(contenders.iter().filter_map(loss).map(|standing| standing.n).max(), holm)
+}
+
+/// Says how many missions each mean is over, if it is over several.
+fn print_missions(missions: Option<usize>, holm: bool) -> Result<(), Error> {
+    let Some(missions) = missions.filter(|missions| *missions > 1) else { return Ok(()) };
+    let family = if holm { ", p-values for all of them together" } else { "" };
+    print(format_args!("{missions} missions each; differences paired by seed{family}."))
 }
 
 /// The table of all columns that are not empty.

@@ -51,25 +51,16 @@ pub fn of_degrees(
     let zones = zones.zones;
 
     // The area encloses the sensor nodes, the start and the boundary, or without sensor nodes all zones.
-    let has_boundary = zones.iter().any(|zone| zone.kind == ZoneKind::Boundary);
     let count = nodes.len();
-    let is_enclosed = |zone: &&Zone| if has_boundary { zone.kind == ZoneKind::Boundary } else { count == 0 };
-    let corners = |zone| corners(zone, path);
     let start_text = sources.start.map(|[first, second]| format!("{first},{second}")).unwrap_or_default();
-    let at_start =
-        |position| SourcePosition { what: "option", path: Path::new("--start"), place: &start_text, position };
-    let home = sources.plan.as_ref().map(|plan| SourcePosition {
-        what: PLAN,
-        path: plan.path(),
-        place: HOME,
-        position: plan.home(),
-    });
-    let start = home.or_else(|| start.map(at_start));
+    let start = start_of(sources, start, &start_text);
     if let Some(start) = &start {
         check_geodetic(start.position).map_err(|expected| start.refusal(&expected))?;
     }
+    let has_boundary = zones.iter().any(|zone| zone.kind == ZoneKind::Boundary);
+    let is_enclosed = |zone: &&Zone| if has_boundary { zone.kind == ZoneKind::Boundary } else { count == 0 };
     let mut enclosed = nodes;
-    enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
+    enclosed.extend(zones.iter().filter(is_enclosed).flat_map(|zone| corners(zone, path)));
     let planned = sources.plan.iter().flat_map(|plan| plan.places().map(move |place| (plan.path(), place)));
     enclosed.extend(planned.map(|(path, (place, position))| SourcePosition { what: PLAN, path, place, position }));
     enclosed.extend(start);
@@ -77,59 +68,116 @@ pub fn of_degrees(
     let nodes_m = &area.positions[..count];
     field.area = area.keys();
 
-    let grounded = |zone: &Zone, polygon: &Polygon, altitude_m| {
-        let ground_m = imported.and_then(|(imported, _)| ground_at(imported, nodes_m, polygon));
-        height_above(ground_m, altitude_m).map_err(|expected| zone.refusal(path, &expected))
-    };
-    let mut polygons = Vec::with_capacity(zones.len());
-    let mut outlines = Vec::with_capacity(zones.len());
-    let mut tops_m = Vec::with_capacity(zones.len());
-    for zone in &zones {
-        let corners_m = zone.corners_m(&area.projection(), path)?;
-        let polygon = Polygon::of(&corners_m, zone.kind == ZoneKind::Boundary).expect("its corners were checked");
-        let (role, height_m) = match zone.kind {
-            ZoneKind::NoFly => (PolygonRole::NoFly, f64::INFINITY),
-            ZoneKind::Boundary => (PolygonRole::Boundary, f64::INFINITY),
-            ZoneKind::Building(height_m) => (PolygonRole::Building, height_m),
-            ZoneKind::BuildingAboveSea(altitude_m) => (PolygonRole::Building, grounded(zone, &polygon, altitude_m)?),
-        };
-        match role {
-            PolygonRole::Boundary => {
-                check_boundary(&polygon, nodes_m, comm_radius_m).map_err(|expected| zone.refusal(path, &expected))?;
-                field.area += &format!("\nboundary_m = {corners_m:?}");
-            }
-            PolygonRole::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n"),
-            PolygonRole::Building => {
-                field.zones += &format!("\n[[area.building]]\npolygon_m = {corners_m:?}\nheight_m = {height_m:?}\n");
-            }
-        }
-        polygons.push(NamedPolygon { name: zone.name(path), role, corners_m });
-        outlines.push(polygon);
-        tops_m.push(height_m);
-    }
+    let shapes = ZoneShapes::of(&zones, path, &area, nodes_m, imported, comm_radius_m)?;
+    field.area += &shapes.boundary_key;
+    field.zones += &shapes.zone_keys;
     let places = FieldPlaces {
         sides_m: area.sides_m,
         origin: Some(area.origin),
         nodes: nodes_m,
         ground_m: &imported.map(|(imported, _)| imported.ground_m()).unwrap_or_default(),
         node_name: &|node| enclosed[node].name(),
-        polygons: &polygons,
+        polygons: &shapes.polygons,
         comm_radius_m,
     };
-    field.notes.extend(listed(&zones, &outlines, &tops_m, nodes_m, path));
+    field.notes.extend(listed(&zones, &shapes.outlines, &shapes.tops_m, nodes_m, path));
     field.warnings.extend(places.doubts());
+    choose_start(&mut field, shapes, &area, &enclosed, count, path)?;
+    Ok(field)
+}
+
+/// Where the UAV starts: at home of the plan, or where the option, written as `text`, has it [°].
+fn start_of<'a>(sources: &'a Sources<'_>, start: Option<[f64; 2]>, text: &'a str) -> Option<SourcePosition<'a>> {
+    let at_start = |position| SourcePosition { what: "option", path: Path::new("--start"), place: text, position };
+    let home = sources.plan.as_ref().map(|plan| SourcePosition {
+        what: PLAN,
+        path: plan.path(),
+        place: HOME,
+        position: plan.home(),
+    });
+    home.or_else(|| start.map(at_start))
+}
+
+/// The zones of a file in the area.
+#[derive(Default)]
+struct ZoneShapes {
+    /// The key of the boundary, if there is one.
+    boundary_key: String,
+    /// The tables of the other zones.
+    zone_keys: String,
+    polygons: Vec<NamedPolygon>,
+    outlines: Vec<Polygon>,
+    tops_m: Vec<f64>,
+}
+
+impl ZoneShapes {
+    /// The `zones` of the file `path` in `area`, in which the sensor nodes stand at `nodes_m` [m].
+    fn of(
+        zones: &[Zone],
+        path: &Path,
+        area: &GeodeticArea,
+        nodes_m: &[Position],
+        imported: Option<(&Imported, &Path)>,
+        comm_radius_m: f64,
+    ) -> Result<Self, InputError> {
+        let grounded = |zone: &Zone, polygon: &Polygon, altitude_m| {
+            let ground_m = imported.and_then(|(imported, _)| ground_at(imported, nodes_m, polygon));
+            height_above(ground_m, altitude_m).map_err(|expected| zone.refusal(path, &expected))
+        };
+        let mut shapes = Self::default();
+        for zone in zones {
+            let corners_m = zone.corners_m(&area.projection(), path)?;
+            let polygon = Polygon::of(&corners_m, zone.kind == ZoneKind::Boundary).expect("its corners were checked");
+            let (role, height_m) = match zone.kind {
+                ZoneKind::NoFly => (PolygonRole::NoFly, f64::INFINITY),
+                ZoneKind::Boundary => (PolygonRole::Boundary, f64::INFINITY),
+                ZoneKind::Building(height_m) => (PolygonRole::Building, height_m),
+                ZoneKind::BuildingAboveSea(altitude_m) => {
+                    (PolygonRole::Building, grounded(zone, &polygon, altitude_m)?)
+                }
+            };
+            match role {
+                PolygonRole::Boundary => {
+                    check_boundary(&polygon, nodes_m, comm_radius_m)
+                        .map_err(|expected| zone.refusal(path, &expected))?;
+                    shapes.boundary_key = format!("\nboundary_m = {corners_m:?}");
+                }
+                PolygonRole::NoFly => shapes.zone_keys += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n"),
+                PolygonRole::Building => {
+                    shapes.zone_keys +=
+                        &format!("\n[[area.building]]\npolygon_m = {corners_m:?}\nheight_m = {height_m:?}\n");
+                }
+            }
+            shapes.polygons.push(NamedPolygon { name: zone.name(path), role, corners_m });
+            shapes.outlines.push(polygon);
+            shapes.tops_m.push(height_m);
+        }
+        Ok(shapes)
+    }
+}
+
+/// Fills in the start of the UAV, if it is not the middle of the area: the last of the `enclosed` positions, if that is
+/// one, or a free place. The first `count` of them are those of sensor nodes.
+fn choose_start(
+    field: &mut NewField,
+    mut shapes: ZoneShapes,
+    area: &GeodeticArea,
+    enclosed: &[SourcePosition<'_>],
+    count: usize,
+    path: &Path,
+) -> Result<(), InputError> {
     let lowest_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
-    let extent = outlines.iter().find(|polygon| polygon.is_border()).map(Polygon::extent);
+    let extent = shapes.outlines.iter().find(|polygon| polygon.is_border()).map(Polygon::extent);
     // As the scenario will be, which keeps its start free.
     let [width_m, height_m] = area.sides_m;
     let at_start: Vec<Position> =
         enclosed.iter().zip(&area.positions).filter(|(place, _)| place.is_start()).map(|(_, at)| *at).collect();
     let kept = KeptGround { places: &at_start, areas: &[] };
-    simplify(&mut outlines, SIMPLIFIED_CORNERS, Area::new(width_m, height_m).simplify_m(), kept);
-    let corners: usize = outlines.iter().map(|outline| outline.corners().len()).sum();
+    simplify(&mut shapes.outlines, SIMPLIFIED_CORNERS, Area::new(width_m, height_m).simplify_m(), kept);
+    let corners: usize = shapes.outlines.iter().map(|outline| outline.corners().len()).sum();
     // A scenario with more is refused.
-    let nodes_m = if corners <= MAX_SIMPLIFIED_CORNERS { nodes_m } else { &[] };
-    let airspace = Airspace::new(area.sides_m, lowest_m, outlines.into_iter().zip(tops_m));
+    let nodes_m = if corners <= MAX_SIMPLIFIED_CORNERS { &area.positions[..count] } else { &[] };
+    let airspace = Airspace::new(area.sides_m, lowest_m, shapes.outlines.into_iter().zip(shapes.tops_m));
     if let Some(start) = enclosed.last().filter(|last| last.is_start()) {
         let at = area.positions[enclosed.len() - 1];
         if !airspace.contains(&at) {
@@ -148,7 +196,7 @@ pub fn of_degrees(
             field.uav = start_line(&free, " # a free place near the middle of the area");
         }
     }
-    Ok(field)
+    Ok(())
 }
 
 /// Most sensor nodes times corners for which is counted how many stand in a zone.

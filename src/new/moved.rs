@@ -1,5 +1,5 @@
-//! Options that are commands of the Python package now: grids of heights and flight logs. They are refused by a line with
-//! the command.
+//! Options that are commands of the Python package now: grids of heights and flight logs. They are refused by a line
+//! with the command.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,8 @@ pub struct MovedOptions {
 
 impl MovedOptions {
     /// # Errors
-    /// If one is given; the message has the command instead, for the mission `name` with these other options and values.
+    /// If one is given; the message has the command instead, for the mission `name` with these other options and
+    /// values.
     pub fn check(&self, name: &str, others: &[(&str, Option<OsString>)]) -> Result<(), InputError> {
         let Self { terrain, clearance, log } = self;
         let (option, module) = match (terrain, clearance, log) {

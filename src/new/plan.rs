@@ -9,6 +9,7 @@ use skysink_common::geodata::{Zone, ZoneKind, Zones};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{MOST_TRACK_SLOTS, Scenario, TimedPoint, slot_ends};
 use skysink_common::sensors::SensorList;
+use skysink_common::slack::SLOTS_SLACK;
 use skysink_lab::import::plan::{ForeignPlan, PLAN, PlannedPoint};
 
 use super::additions::Additions;
@@ -23,8 +24,8 @@ const TRACK_LINE: &str = "track = \"track.csv\"               # the plan's fligh
 /// The place of home in messages.
 pub const HOME: &str = "home";
 
-/// Depth in a zone that counts as its edge, relative to the area.
-const ROUNDING: f64 = 1e-9;
+/// Slack of a speed that is rounded up to whole millimetres per second [mm/s].
+const SPEED_SLACK_MMPS: f64 = 1e-6;
 
 /// How often the legs that have to end with a slot are looked for, before all do.
 const MOST_ATTEMPTS: usize = 50;
@@ -167,8 +168,8 @@ impl<'a> PlannedFlight<'a> {
         Ok(additions)
     }
 
-    /// The flight in the area of `draft`, checked against the fence. Where a slot would cut a corner of it, the leg ends
-    /// with the slot.
+    /// The flight in the area of `draft`, checked against the fence. Where a slot would cut a corner of it, the leg
+    /// ends with the slot.
     fn flight(&self, draft: &Scenario, slot_s: f64) -> Result<SlottedFlight, InputError> {
         let projection = Projection::at(draft.area.origin().expect("the area encloses the plan"));
         let in_area = |[lat_deg, lon_deg]: [f64; 2]| {
@@ -178,7 +179,7 @@ impl<'a> PlannedFlight<'a> {
         let home = in_area(self.plan.home);
         let places: Vec<Position> = self.plan.legs.iter().map(|leg| in_area(leg.to)).collect();
         let fence = self.polygons(&projection)?;
-        let slack_m = ROUNDING * draft.area.width_m().max(draft.area.height_m());
+        let slack_m = draft.area.border_slack_m();
         let crossed = |from: &Position, to: &Position| {
             let is_crossed = |(polygon, _): &&(Polygon, &str)| polygon.entry(from, to, slack_m, false).is_some();
             fence.iter().find(is_crossed).map(|(_, place)| place)
@@ -213,7 +214,7 @@ impl<'a> PlannedFlight<'a> {
 
     /// Cuts a flight into slots, the last of which may end after it.
     fn cut(&self, points: Vec<PlannedPoint>, slot_s: f64) -> Result<SlottedFlight, InputError> {
-        let slots = (points[points.len() - 1].point.time_s / slot_s - ROUNDING).ceil().max(1.0);
+        let slots = (points[points.len() - 1].point.time_s / slot_s - SLOTS_SLACK).ceil().max(1.0);
         if slots > MOST_TRACK_SLOTS as f64 {
             let expected = format!("expected at most {MOST_TRACK_SLOTS}");
             return Err(self.refuse(&format!("a flight of {slots} slots of {slot_s} s: {expected}")));
@@ -247,7 +248,7 @@ impl<'a> PlannedFlight<'a> {
         let of_legs = self.plan.legs.iter().map(|leg| leg.speed_mps);
         let of_slots = flight.ends.windows(2).map(|pair| (pair[1] - pair[0]).norm() / slot_s);
         let speed_mps = of_legs.chain(of_slots).fold(0.0, f64::max);
-        (speed_mps * 1e3 - 1e-6).ceil() / 1e3
+        (speed_mps * 1e3 - SPEED_SLACK_MMPS).ceil() / 1e3
     }
 
     /// The flight in a line.
@@ -273,8 +274,8 @@ impl<'a> PlannedFlight<'a> {
             [ground_m().fold(f64::INFINITY, f64::min), ground_m().fold(f64::NEG_INFINITY, f64::max)];
         (self.plan.is_level && highest_m - lowest_m > FLAT_M).then(|| {
             format!(
-                "the ground of the sensor nodes rises from {lowest_m} to {highest_m} m, and the plan's altitudes are not \
-                 above the ground: the scenario flies as high above each of them as above home"
+                "the ground of the sensor nodes rises from {lowest_m} to {highest_m} m, and the plan's altitudes are \
+                 not above the ground: the scenario flies as high above each of them as above home"
             )
         })
     }

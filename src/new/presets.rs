@@ -3,6 +3,7 @@
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use skysink_common::channel::{Channel, ChannelModel};
+use skysink_common::error::InputError;
 use skysink_common::presets::{drones, radios};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -75,16 +76,20 @@ pub struct Hardware {
     /// Radio of the sensor nodes, by name: link.preset.
     #[arg(long, value_name = "RADIO", value_parser = PossibleValuesParser::new(radios::NAMES))]
     radio: Option<String>,
-    /// Drone, by name: uav.preset.
+    /// Drone, by name: uav.preset; several for a fleet of them, [[uav.each]].
     #[arg(long, value_name = "DRONE", value_parser = PossibleValuesParser::new(drones::NAMES))]
-    drone: Option<String>,
+    drone: Vec<String>,
+    /// UAVs of each drone, in their order: one number for all, or one for each, such as 2,1.
+    #[arg(long, value_name = "N,...", requires = "drone", value_delimiter = ',')]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=64))]
+    count: Vec<u32>,
 }
 
 impl Hardware {
     /// The names of radio and drone.
     #[cfg(feature = "lab")]
     pub fn names(&self) -> [Option<&str>; 2] {
-        [self.radio.as_deref(), self.drone.as_deref()]
+        [self.radio.as_deref(), self.drone.first().map(String::as_str)]
     }
 }
 
@@ -92,6 +97,8 @@ impl Hardware {
 #[derive(Default)]
 pub struct Lines {
     lines: Vec<(&'static str, String)>,
+    /// The tables of `[[uav.each]]`.
+    each: String,
     is_of_hardware: bool,
     #[cfg(feature = "lab")]
     is_of_plan: bool,
@@ -101,6 +108,11 @@ impl Lines {
     /// The lines instead of that of the dotted `key`; `None` if it stays.
     pub fn instead_of(&self, key: &str) -> Option<&str> {
         self.lines.iter().rfind(|(name, _)| *name == key).map(|(_, line)| &**line)
+    }
+
+    /// The tables of `[[uav.each]]`; empty for equal UAVs.
+    pub fn each(&self) -> &str {
+        &self.each
     }
 
     /// The head of the file; `None` for that of a scenario without radio and drone.
@@ -138,7 +150,21 @@ impl Lines {
 impl Hardware {
     /// Whether a radio or a drone is named.
     pub fn is_named(&self) -> bool {
-        self.radio.is_some() || self.drone.is_some()
+        self.radio.is_some() || !self.drone.is_empty()
+    }
+
+    /// Checks that there is a number of UAVs for each drone, if there are several.
+    pub fn check(&self) -> Result<(), InputError> {
+        let [drones, counts] = [self.drone.len(), self.count.len()];
+        let list = self.count.iter().map(u32::to_string).collect::<Vec<_>>().join(",");
+        let expected = format!("expected one number, or one for each of the {drones} drones");
+        if counts <= 1 || counts == drones { Ok(()) } else { Err(InputError::of_argument("--count", &list, expected)) }
+    }
+
+    /// The drones, with the number of UAVs of each.
+    fn drones(&self) -> impl Iterator<Item = (&str, u32)> {
+        let count = |drone: usize| self.count.get(drone).or(self.count.first()).copied().unwrap_or(1);
+        self.drone.iter().enumerate().map(move |(index, drone)| (drone.as_str(), count(index)))
     }
 
     /// The lines of the names, without those of the keys that follow from them.
@@ -156,9 +182,17 @@ impl Hardware {
             lines.set("slot_s", &format!("slot_s = {:?}", 2.0 * MOST_S), "");
             lines.set("link.comm_s", &format!("comm_s = {MOST_S:?}"), "");
         }
-        if let Some(drone) = &self.drone {
-            let preset = format!("preset = \"{drone}\"");
-            lines.set("uav.altitude", &preset, "speed, endurance, battery; keys beside it have priority");
+        if !self.drone.is_empty() {
+            let mut drones = self.drones().map(|(drone, count)| of_drone(drone, count));
+            let first = drones.next().unwrap_or_default();
+            let others: Vec<String> = drones.collect();
+            if others.is_empty() {
+                lines.lines.push(("uav.altitude", first));
+            } else {
+                lines.lines.push(("uav.altitude", String::new()));
+                let tables = std::iter::once(first).chain(others).map(|drone| format!("\n[[uav.each]]\n{drone}"));
+                lines.each = tables.collect();
+            }
             lines.set("uav.altitude_m", &format!("altitude_m = {ALTITUDE_M:?}"), "Altitude, H [m]");
             lines.lines.push(("uav.max_speed_mps", String::new()));
             lines.set("uav.endurance_s", "must_land = true", "in the base, which is where it starts");
@@ -171,9 +205,9 @@ impl Hardware {
 
     /// These lines, and those of slots for the radio and the drone in `draft`, with the SNs `list`.
     ///
-    /// A slot has the time of a leg over the communication radius (decision D31), and that to set up a contact and send a
-    /// full buffer from there, each at most [`MOST_S`]. An exported plan flies the slot and then holds for the communication, so that a
-    /// slot takes both from the endurance, and [`JERK_S`].
+    /// A slot has the time of a leg over the communication radius (decision D31), and that to set up a contact and send
+    /// a full buffer from there, each at most [`MOST_S`]. An exported plan flies the slot and then holds for the
+    /// communication, so that a slot takes both from the endurance, and [`JERK_S`].
     pub fn lines_with_slots(&self, draft: &Scenario, list: &SensorList) -> Lines {
         let mut lines = self.lines();
         if !self.is_named() {
@@ -187,9 +221,11 @@ impl Hardware {
         let buffer_bits = nodes.iter().map(|node| node.capacity_bits).max().unwrap_or(0);
         let whole_s = |time_s: f64| time_s.ceil().clamp(1.0, MOST_S);
         let comm_s = whole_s(draft.link.setup_s.unwrap_or(0.0) + f64::from(buffer_bits) / rate_bps);
-        let leg_s = whole_s(draft.leg_s(radius_m));
+        // Those of the slowest drone, and of the one that flies least.
+        let leg_s = whole_s(draft.kinds().map(|kind| kind.leg_s(radius_m)).fold(0.0, f64::max));
+        let endurance_s = draft.uav_kinds().map(|uav| uav.endurance_s).fold(f64::INFINITY, f64::min);
         let slot_s = leg_s + comm_s;
-        let slots = (FLOWN * draft.uav.endurance_s / (slot_s + comm_s + JERK_S)).floor().max(1.0);
+        let slots = (FLOWN * endurance_s / (slot_s + comm_s + JERK_S)).floor().max(1.0);
         lines.set("slots", &format!("slots = {slots}"), "Number of slots, T");
         lines.set(
             "slot_s",
@@ -203,6 +239,14 @@ impl Hardware {
         }
         lines
     }
+}
+
+/// The lines of `count` UAVs of a drone.
+fn of_drone(drone: &str, count: u32) -> String {
+    let words = "speed, endurance, battery; keys beside it have priority";
+    let preset = commented(&format!("preset = \"{drone}\""), words);
+    let several = (count > 1).then(|| commented(&format!("count = {count}"), "Number of UAVs"));
+    preset + &several.unwrap_or_default()
 }
 
 /// A line with a comment.

@@ -51,9 +51,9 @@ pub fn flight_sim(
     let folder_of_run = RunFolder::open_to_read(run).map_err(of_run)?;
     let slots = recorded_slots(&folder_of_run).map_err(of_run)?;
     let mode = folder_of_run.run_mode();
-    let plan_of = |uav: usize, slot: u64| slot_of(&slots, slot).and_then(|recorded| mode.plan_of(&recorded[uav]));
+    let orders_of = |slot: u64| slot_of(&slots, slot).map(|recorded| mode.orders_of(recorded));
     let period = arguments.pace.period(scenario.slot_s);
-    let recorded = RecordedFlight { plan_of: &plan_of, are_reports: mode.has_reported_flights(), period };
+    let recorded = RecordedFlight { orders_of: &orders_of, period };
     skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
 

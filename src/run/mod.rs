@@ -91,13 +91,7 @@ impl RunCommand {
                     Registered::of(scenario)?;
                 }
                 check_vehicle(&options.run_mode(None))?;
-                #[cfg(feature = "mavlink")]
-                if options.vehicle_addresses().is_some() {
-                    skysink_vehicle::apart::check_starts(scenario)?;
-                }
-                let NewFolder { out, .. } = &self.mission.folder;
-                let earlier = self.mission.folder.earlier();
-                RunFolder::create(out.as_deref(), earlier, scenario, &list, &options.run_mode(None))?
+                self.create(scenario, &list)?
             }
             Some(path) => RunFolder::reopen(path)?,
         };
@@ -141,6 +135,17 @@ impl RunCommand {
             Err(first) => Err(first.ended_early(&folder, summary.slots, &left)),
             Ok(()) => Ok((folder, summary)),
         }
+    }
+
+    /// The folder of a new run.
+    fn create(&self, scenario: &Scenario, list: &SensorList) -> Result<RunFolder, Error> {
+        #[cfg(feature = "mavlink")]
+        if self.options.vehicle_addresses().is_some() {
+            skysink_vehicle::apart::check_starts(scenario)?;
+        }
+        let NewFolder { out, .. } = &self.mission.folder;
+        let earlier = self.mission.folder.earlier();
+        Ok(RunFolder::create(out.as_deref(), earlier, scenario, list, &self.options.run_mode(None))?)
     }
 
     /// What is left to fly of a run that ends early, if not all slots `are_recorded`. After the last slot, only a stop

@@ -239,7 +239,8 @@ impl RunOptions {
         }
         match &folder.run_mode().external_planner {
             Some(name) if !self.has_external_planner() => refuse(&format!(
-                "it was flown by an external planner, {name}: expected --external planner, or --planner with its command"
+                "it was flown by an external planner, {name}: expected --external planner, or --planner with its \
+                 command"
             )),
             Some(name) if self.label.as_ref().is_some_and(|label| label != name) => {
                 refuse(&format!("its planner is named {name}: expected that --label, or none"))

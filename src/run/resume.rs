@@ -16,6 +16,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::Plans;
 use skysink_common::stop::Stop;
+use skysink_common::told::Received;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::drive::{End, Ended, Pilot};
@@ -26,7 +27,7 @@ use skysink_mission::recorded::Recorded;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::tally::Tally;
 use skysink_mission::trace::RecordedSlot;
-use skysink_mission::{MissionError, Plant, drive};
+use skysink_mission::{MissionError, Orders, Plant, drive};
 use skysink_planner::FleetPlanner;
 use skysink_planner::node::journal;
 use skysink_planner::plan::keys::HorizonKeys;
@@ -71,7 +72,7 @@ pub fn resume(
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let belief = Belief::of(scenario, list, estimated_rates(scenario, folder.run_mode())?);
     let are_reports = folder.run_mode().has_reported_flights();
-    let mut plant = Plant::new(scenario, list).with_belief(belief).repeating_reports(are_reports);
+    let mut plant = Plant::new(scenario, list).with_belief(belief);
     let is_ours = folder.run_mode().external_planner.is_none();
     // An external planner finds what it believed of the queues; what its strategy has kept is lost.
     let planner = match is_ours {
@@ -115,22 +116,22 @@ struct Repeating {
 }
 
 impl Pilot for Repeating {
-    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+    fn orders(&mut self, plant: &Plant) -> Result<Orders, Ended> {
         let recorded = self.trace.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
         let is_planned = self.is_repeatable || self.is_continued;
-        let planned = match is_planned {
-            true => self.planner.plans(plant)?,
+        let planned: Plans = match is_planned {
+            true => self.planner.orders(plant)?.plans(),
             false => recorded.iter().map(|_| None).collect(),
         };
         if !self.is_ours && is_planned {
             let plans: Vec<Plan> = recorded.iter().map(RecordedSlot::plan).collect();
-            self.planner.follow(plant.slot() + 1, &plans, &plant.field().told_bits());
+            self.planner.follow(&plant.sensed(&Received::NOTHING), &plans);
         }
         if recorded.iter().any(RecordedSlot::is_missed) {
             self.is_repeatable &= !self.planner.has_state();
         }
         if self.are_reports {
-            return Ok(recorded.iter().map(|slot| Some(slot.report())).collect());
+            return Ok(Orders::Reports(recorded.iter().map(RecordedSlot::report).collect()));
         }
         let is_repeatable = self.is_repeatable;
         let plan = |((recorded, planned), flown): ((&RecordedSlot, Option<Plan>), &FlightReport)| {
@@ -139,7 +140,7 @@ impl Pilot for Repeating {
             let plan = planned.filter(|_| is_repeatable && !is_down).unwrap_or_else(|| recorded.plan());
             (!recorded.is_missed()).then_some(plan)
         };
-        Ok(recorded.iter().zip(planned).zip(plant.flights()).map(plan).collect())
+        Ok(Orders::Plans(recorded.iter().zip(planned).zip(plant.flights()).map(plan).collect()))
     }
 }
 
@@ -190,7 +191,8 @@ impl ResumedRun {
         let count = field.queues_bits().len();
         let uavs = self.plant.flights().len();
         journal(ring_folder, count, uavs)?.save(slot, &[], &self.planner)?;
-        fields::resume(&mut fields::journal(ring_folder, &field, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
+        // An empty journal starts with this state.
+        fields::resume(&mut fields::journal(ring_folder, &field, uavs)?, &mut field, uavs)?;
         flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
         Ok(self.log)
     }

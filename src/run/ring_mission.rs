@@ -50,9 +50,8 @@ pub fn make_ring(
         timeout_s,
         viewer: !options.no_viewer,
         belief: estimated_rates(scenario, run_mode)?,
-        beacon_radius_m: scenario.link.beacon_radius_m,
         link: options.link.as_ref().map(|_| link::terms(scenario)).transpose()?,
-        ..Terms::default()
+        ..Terms::of(scenario)
     })?;
     ring.set_global_config()?;
     Ok(ring)

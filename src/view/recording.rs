@@ -135,8 +135,8 @@ impl ShownRecording {
 
 fn too_old(version: RerunVersion) -> String {
     format!(
-        "it is of rerun {version}, and the viewer, rerun {RERUN}, reads recordings since {OLDEST}: open it with `rerun` \
-         of rerun-sdk=={version}, or make it again"
+        "it is of rerun {version}, and the viewer, rerun {RERUN}, reads recordings since {OLDEST}: open it with \
+         `rerun` of rerun-sdk=={version}, or make it again"
     )
 }
 
@@ -274,7 +274,8 @@ mod tests {
         let whole = recording(RerunVersion::viewer().0, &MESSAGES, true);
         assert_eq!(read(&whole), Ok(vec![]));
         let ends = [68, 68 + 5016, 68 + 5016 + 316]; // of the messages: 12 + 16 + 40 and so on
-        let (mut shown, mut refused) = (0, 0);
+        let mut shown = 0;
+        let mut refused = 0;
         for length in (0..whole.len()).filter(|length| length % 7 == 0 || *length < 100 || ends.contains(length)) {
             match read(&whole[..length]) {
                 Err(error) => {

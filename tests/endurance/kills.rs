@@ -92,7 +92,8 @@ fn a_restarted_planner_restores_its_state() {
         .set("area.side_m", 300)
         .set("planner.horizon.iterations", 200)
         .force();
-    let (oracle, known) = (few.clone(), few.set("planner.knowledge", "estimated"));
+    let oracle = few.clone();
+    let known = few.set("planner.knowledge", "estimated");
     let learnt = known.set("planner.rates", "learnt");
     let packets = learnt.set("sensors.arrivals.model", "poisson").set("sensors.arrivals.packet_bits", 300);
     let bursts = learnt.set("sensors.arrivals.model", "on-off");

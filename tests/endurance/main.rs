@@ -9,6 +9,8 @@ mod hostile;
 mod kills;
 mod large;
 mod paced;
+#[path = "../../mission/tests/it/random_fleets.rs"]
+mod random_fleets;
 mod reproduce;
 mod resumed;
 mod silence;
@@ -34,4 +36,10 @@ fn events(place: &Place) -> Vec<(String, String)> {
     let summary = place.summary("run");
     let events = summary["events"].as_array().unwrap().iter();
     events.map(|event| ["process", "event"].map(|key| event[key].as_str().unwrap().to_owned()).into()).collect()
+}
+
+/// The first 30 fly in the other tests, too.
+#[test]
+fn a_thousand_random_fleets_keep_to_the_limits_of_each_uav() {
+    random_fleets::check_all(30..1_000);
 }

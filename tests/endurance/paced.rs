@@ -62,7 +62,8 @@ fn a_resumed_run_keeps_its_pace() {
 fn fly_paced(missions: u64, seed: u64) -> (u64, u64) {
     let place = Place::new();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let (mut held, mut killed) = (0, BTreeMap::new());
+    let mut held = 0;
+    let mut killed = BTreeMap::new();
     for mission in 0..missions {
         let uavs = random.random_range(1..=3);
         let battery =

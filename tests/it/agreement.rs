@@ -136,10 +136,14 @@ const MOTION: &[Row] = &[
 
 const FLEET: Row = Row { scenario: "fleet", check: check_fleet, ..ROW };
 
+/// Three UAVs that differ.
+const MIXED: &str = "uav.each=[{max_speed_mps=18.0,resource_blocks=2},{altitude_m=35.0,battery={capacity_j=2e4}},{}]";
+
 const FLEETS: &[Row] = &[
     Row { strategies: &["uts uav.coordination=independent"], ..FLEET },
     Row { settings: "uav.coordination=sequential", strategies: &["horizon", "edf"], ..FLEET },
     Row { strategies: &["tour uav.coordination=partition"], ring: WITH_VIEWER, ..FLEET },
+    Row { decisive: MIXED, strategies: &["horizon uav.coordination=sequential", "tour"], ring: WITH_VIEWER, ..FLEET },
 ];
 
 fn check_rates(place: &Place, case: &str) {

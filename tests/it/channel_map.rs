@@ -64,7 +64,7 @@ fn grids_of_arrays_are_those_of_ids_whatever_sensor_nodes_are_named() {
     assert_eq!(named, arrays);
     place.write("links.csv", names);
     assert_eq!(first_bps(Overrides::default()), 9e4, "by name");
-    assert_eq!(first_bps(Overrides { map: Some(arrays.clone().held()), ..Overrides::default() }), 5e4);
+    assert_eq!(first_bps(Overrides { map: Some(arrays.clone().shared()), ..Overrides::default() }), 5e4);
     place.write("links.csv", &arrays.to_csv().0);
     assert_eq!(first_bps(Overrides::default()), 5e4, "and as a run keeps them");
 }

@@ -103,7 +103,8 @@ fn every_slot_of_a_trace_balances() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs"] {
         place.flight("smoke").strategy(strategy).out(strategy).simulate();
-        let (summary, trace) = (place.summary(strategy), place.trace(strategy));
+        let summary = place.summary(strategy);
+        let trace = place.trace(strategy);
         let mut queued_bits = summary["initial_bits"].as_u64().unwrap();
         let sampled_bits = summary["sampled_bits"].as_u64().unwrap() / summary["slots"].as_u64().unwrap();
         for line in trace.lines().skip(1) {

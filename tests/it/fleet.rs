@@ -100,3 +100,67 @@ fn a_fleet_with_limited_endurances_is_replayed() {
     assert!(replayed.contains("equal to the recorded decision in 90 of 90 slots"), "{replayed}");
     assert_eq!(place.summary("alone")["refused"], 0, "told to fly on, they rest");
 }
+
+/// A slow UAV, two with batteries and drones by name, and one that lands early.
+const MIXED: &str = "name = 'mixed'\nslots = 240\n[area]\nside_m = 250.0\n[sensors]\ncount = 40\n\
+    sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 20\n[base]\nradius_m = 10.0\ncharge_w = 400.0\n\
+    [uav]\nmust_land = true\nseparation_m = 2.0\n[[uav.each]]\nmax_speed_mps = 6.0\naltitude_m = 40.0\n[[uav.each]]\n\
+    preset = 'x500'\nacceleration_mps2 = 20.0\ncount = 2\nbattery.capacity_j = 40e3\n[[uav.each]]\nresource_blocks = 1\n\
+    endurance_s = 150.0\n";
+
+#[test]
+fn a_fleet_of_uavs_that_differ_survives_deaths_and_is_resumed_replayed_and_exported() {
+    let place = Place::new();
+    place.write("mixed.toml", MIXED);
+    for (strategy, coordination) in [("horizon", "sequential"), ("tour", "partition")] {
+        let flight = place.flight("mixed").strategy(strategy).set("uav.coordination", coordination).force();
+        flight.out("alone").simulate();
+        let running = flight.without_viewer().out("ring").start();
+        for (slot, role) in [(60, "flight-sim"), (75, "planner"), (82, "flight-sim"), (95, "field-sim")] {
+            running.until_slot(slot);
+            running.kill_and_await(role);
+        }
+        running.wait_for_success();
+        place.assert_same_trace("alone", "ring");
+        assert_eq!(place.reproducible_summary("alone")["energy"], place.reproducible_summary("ring")["energy"]);
+    }
+    let whole = place.trace("ring");
+    assert!(place.summary("ring")["landed"] == true, "{}", place.summary("ring"));
+    std::fs::remove_file(place.path("ring/summary.json")).unwrap();
+    place.cut_trace("ring", 4 * 150);
+    place.resume("ring");
+    assert_eq!(place.trace("ring"), whole);
+    place.run_ok(&["replay", "alone", "--out", "again"]);
+    let said = place.run_ok(&["export", "ring", "--format", "csv", "--origin", "47,8", "--north", "true"]).stdout;
+    assert!((0..4).all(|uav| said.contains(&format!("ring-uav-{uav}.csv"))), "{said}");
+    let checked = place.run_ok(&["check", "mixed.toml"]).stdout;
+    for expected in
+        ["uav.each[1], x500", "2 at 20 m (n = 4)", "1 at 20 m (n = 1): uav.each[2]", "1 at 40 m (n = 4): uav.each[0]"]
+    {
+        assert!(checked.contains(expected), "{expected}: {checked}");
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn tables_that_repeat_that_of_all_leave_the_files_of_as_many_equal_uavs() {
+    let place = Place::new();
+    let each = "uav.each=[{count=2},{max_speed_mps=30.0}]";
+    for (strategy, how) in [("horizon", "sequential"), ("uts", "partition")] {
+        let flight = place.flight("smoke").strategy(strategy).set("slots", 40).set("uav.coordination", how).force();
+        flight.set("uav.count", 3).out("counted").simulate();
+        flight.settings(each).out("alone").simulate();
+        flight.settings(each).without_viewer().out("ring").run();
+        for run in ["alone", "ring"] {
+            assert_eq!(place.trace("counted"), place.trace(run), "{strategy}: {run}");
+            assert_eq!(place.reproducible_summary("counted"), place.reproducible_summary(run), "{strategy}: {run}");
+        }
+    }
+    let whole = place.trace("ring");
+    std::fs::remove_file(place.path("ring/summary.json")).unwrap();
+    place.cut_trace("ring", 3 * 20);
+    place.resume("ring");
+    assert_eq!(place.trace("ring"), whole);
+    place.run_ok(&["replay", "ring", "--out", "again"]);
+    place.assert_clean();
+}

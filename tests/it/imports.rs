@@ -17,7 +17,7 @@ type Module = Vec<String>;
 type Uses<T> = BTreeMap<T, BTreeSet<T>>;
 
 /// The tokens of a source: words, `::` and other signs, without comments, strings and characters.
-fn tokens(mut text: &str) -> Vec<&str> {
+pub(crate) fn tokens(mut text: &str) -> Vec<&str> {
     let is_word = |letter: char| letter.is_alphanumeric() || letter == '_';
     let mut tokens = Vec::new();
     while let Some(first) = text.chars().next() {
@@ -51,7 +51,7 @@ fn tokens(mut text: &str) -> Vec<&str> {
 }
 
 /// The part of a source before its tests.
-fn product(text: &str) -> &str {
+pub(crate) fn product(text: &str) -> &str {
     let is_test_module =
         |rest: &str| rest.lines().nth(1).is_some_and(|line| line.contains("mod ") && line.ends_with('{'));
     let tests = text.match_indices("#[cfg(test)]\n").find(|(at, _)| is_test_module(&text[*at..]));

@@ -53,6 +53,41 @@ fn the_least_fleet_is_the_smallest_without_loss() {
     assert!(!one.contains("\"1\": 2") && one.contains("\"1\": 1"), "{one}");
 }
 
+/// A slow and a fast kind.
+const KINDS: &str = "[[uav.each]]\nmax_speed_mps = 10.0\n[[uav.each]]\nmax_speed_mps = 30.0\nresource_blocks = 6\n";
+
+#[test]
+fn the_cheapest_fleet_of_several_kinds_is_found_by_their_prices() {
+    let place = Place::new();
+    place.write("wide.toml", &format!("{WIDE}{KINDS}"));
+    let fleet = ["fleet", "wide.toml", "--strategies", "tour", "--seeds", "2", "--most", "4", "--json"];
+    let found = |prices: &str| -> serde_json::Value {
+        serde_json::from_str(&place.run_ok(&[&fleet[..], &["--prices", prices]].concat()).stdout).unwrap()
+    };
+    let [dear, cheap] = ["1,100", "100,1"].map(found);
+    let price = |fleets: &serde_json::Value, row: usize, seed: &str| {
+        let fleet = &fleets[row]["cheapest"][seed];
+        (fleet["price"].as_f64().unwrap_or(f64::INFINITY), fleet["uavs"].to_string())
+    };
+    for seed in ["1", "2"] {
+        let [bound, flown] = [0, 1].map(|row| price(&dear, row, seed));
+        assert!(bound.0 <= flown.0, "{bound:?} {flown:?}");
+        let (price, uavs) = price(&cheap, 1, seed);
+        assert!(price < 100.0 && uavs.starts_with("[0,"), "{price} {uavs}: fast ones alone");
+    }
+    // As many of the fast kind as are needed of equal ones.
+    let text = format!("{WIDE}[uav]\nmax_speed_mps = 30.0\n[link]\nresource_blocks = 6\n");
+    place.write("equal.toml", &text);
+    let equal = place.run_ok(&["fleet", "equal.toml", "--strategies", "tour", "--seeds", "2", "--most", "4", "--json"]);
+    let equal: serde_json::Value = serde_json::from_str(&equal.stdout).unwrap();
+    assert_eq!(equal[1]["uavs"], cheap[1]["uavs"]);
+    let printed = place.run_ok(&["fleet", "wide.toml", "--strategies", "tour", "--seeds", "2", "--prices", "100,1"]);
+    assert!(printed.stdout.contains("UAVs of each kind"), "{}", printed.stdout);
+    place.run_refused(&["fleet", "wide.toml"], "uav.each: expected --prices with 2 prices, one for each table");
+    place.run_refused(&["fleet", "wide.toml", "--prices", "1"], "uav.each: expected --prices with 2 prices");
+    place.run_refused(&["fleet", "equal.toml", "--prices", "1"], "--prices: expected tables [[uav.each]]");
+}
+
 #[test]
 fn invalid_fleet_questions_are_refused() {
     let place = Place::new();

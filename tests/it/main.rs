@@ -64,9 +64,10 @@ mod resume;
 mod ring;
 mod ring_planners;
 mod settings;
+#[cfg(feature = "lab")]
+mod style;
 #[path = "../support/mod.rs"]
 mod support;
-#[cfg(feature = "lab")]
 mod surveys;
 #[cfg(feature = "lab")]
 mod sweep;

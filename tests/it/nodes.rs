@@ -77,7 +77,8 @@ fn fly_in_threads<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out:
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
     let mut recorder = Recorder::new(&ring, wait, ExternalTimeout::default()).unwrap();
-    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list, &RunMode::default()));
+    let mut log = folder.slot_log().unwrap();
+    let mut tally = Tally::new(scenario, &list, &RunMode::default());
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
     let there = Barrier::new(2);
@@ -85,7 +86,8 @@ fn fly_in_threads<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out:
         let spectator = scope.spawn(|| spectate::<S>(scenario, &ring_folder, &stop, &there));
         there.wait();
         let threads = order.map(|node| {
-            let (stop, path) = (stop.clone(), ring_folder.path());
+            let stop = stop.clone();
+            let path = ring_folder.path();
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
         recorder.record(scenario, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
@@ -197,7 +199,8 @@ fn a_recorder_without_a_ring_names_the_role_that_should_have_started() {
         let stop = Stop::default();
         let (ring, wait) = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &stop).unwrap();
         let mut recorder = Recorder::new(&ring, wait, ExternalTimeout::default()).unwrap();
-        let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list, &RunMode::default()));
+        let mut log = folder.slot_log().unwrap();
+        let mut tally = Tally::new(&scenario, &list, &RunMode::default());
         let mut overdue = Vec::new();
         let recorded = recorder.record(&scenario, &mut log, &mut tally, &mut |_, late| {
             overdue.extend(late.map(|late| late.from));

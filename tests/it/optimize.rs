@@ -33,7 +33,8 @@ fn the_best_known_loss_lies_between_bound_and_strategies_and_is_reproducible() {
         assert!(printed.contains(word), "{word}: {printed}");
     }
     let optimum = optimum(&place, "best");
-    let (best, bound) = (&optimum["best_known"], optimum["loss_bound"].as_f64().unwrap());
+    let best = &optimum["best_known"];
+    let bound = optimum["loss_bound"].as_f64().unwrap();
     let least = best["loss_rate"].as_f64().unwrap();
     assert_eq!((best["strategy"].as_str(), optimum["steps"].as_u64()), (Some("offline"), Some(200_000)));
     assert_eq!((optimum["steps_done"].as_u64(), optimum["search_end"].as_str()), (Some(200_000), Some("all-steps")));

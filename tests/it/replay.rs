@@ -73,7 +73,8 @@ fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
     let mut lines = Vec::new();
     for slot in 1..=scenario.slots {
         let mut flight = Flight::new(&scenario, &nodes);
-        let (before, queues_bits) = (mission.plant().flight(UAV), mission.plant().field().queues_bits());
+        let before = mission.plant().flight(UAV);
+        let queues_bits = mission.plant().field().queues_bits();
         flight.restore(before);
         planner.observe(slot - 1, before, queues_bits);
         let plan = planner.step(slot, before.position(), queues_bits);

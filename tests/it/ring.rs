@@ -214,7 +214,8 @@ fn a_role_can_be_filled_by_a_manually_started_process() {
         assert!(other.stderr.contains("scenario is") && other.stderr.contains("scenario.toml"), "{other:?}");
 
         output(run.worker_command(role)).assert_success();
-        let (program, folder) = (executable(role), run.folder().display().to_string());
+        let program = executable(role);
+        let folder = run.folder().display().to_string();
         let ended = run.wait_for_success();
         let scenario = place.path("run/scenario.toml").display().to_string();
         let hint = format!("waiting up to 600 s for {role}: {program} --scenario {scenario} --ring {folder}\n");

@@ -69,7 +69,8 @@ fn a_row_is_the_mission_that_simulate_flies() {
     write_sweep(&place, 2);
     place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
     place.flight("smoke").seed(2).strategy("gfs").simulate();
-    let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), place.summary("run"));
+    let results = csv_rows(&place.read("sweep/results.csv"));
+    let summary = place.summary("run");
     let wanted = [("area.side_m", "60.0"), ("link.gain", "static"), ("strategy", "gfs"), ("seed", "2")];
     let row = results.iter().find(|row| wanted.iter().all(|(key, value)| row[*key] == *value)).unwrap();
     for metric in ["loss_rate", "eta_letter", "bits_per_waypoint", "mean_served", "delivered_bits"] {
@@ -85,7 +86,9 @@ fn intervals_of_fractions_lie_in_0_to_1_and_data_age_is_at_least_the_service_age
     let mut bounded = 0;
     for row in csv_rows(&place.read("out/summary.csv")) {
         let number = |key: &str| row[key].parse::<f64>().unwrap();
-        let (low, mean, high) = (number("ci95_low"), number("mean"), number("ci95_high"));
+        let low = number("ci95_low");
+        let mean = number("mean");
+        let high = number("ci95_high");
         assert!(low <= mean && mean <= high, "{row:?}");
         if ["loss_rate", "jain"].contains(&row["metric"].as_str()) {
             bounded += 1;
@@ -110,12 +113,14 @@ fn a_sweep_with_offline_plans_shows_bound_and_best_known() {
     place.write("sweep.toml", &format!("{text}{axes}"));
     let ended = place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
     assert!(ended.stderr.contains("warning: 4 seeds are few: the 95 % interval"), "{ended:?}");
-    let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), csv_rows(&place.read("sweep/summary.csv")));
+    let results = csv_rows(&place.read("sweep/results.csv"));
+    let summary = csv_rows(&place.read("sweep/summary.csv"));
     let losses = |strategy: &str| -> Vec<f64> {
         let flown = results.iter().filter(|row| row["strategy"] == strategy);
         flown.map(|row| row["loss_rate"].parse().unwrap()).collect()
     };
-    let (tours, offline) = (losses("tour"), losses("offline"));
+    let tours = losses("tour");
+    let offline = losses("offline");
     for (row, loss) in results.iter().filter(|row| row["strategy"] == "offline").zip(&offline) {
         let bound: f64 = row["loss_bound"].parse().unwrap();
         assert!(0.0 < bound && bound <= *loss && row["expected_loss_bound"].is_empty(), "{row:?}");

@@ -6,11 +6,11 @@ use std::thread;
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
-use skysink_common::message::{Mode, Plan};
+use skysink_common::message::Mode;
 use skysink_common::scenario::Overrides;
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
-use skysink_flight_sim::Flight;
+use skysink_flight_sim::{Flight, ReportedFlight};
 use skysink_mission::figures::Summary;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::NodeError;
@@ -41,7 +41,14 @@ fn fly_in_wind(run: &RunningFlight, slower: u64) -> Result<(), NodeError> {
         let plan = planned[UAV];
         let gust_m = 0.37 * (slot % 5) as f64;
         let x_m = if slot % 6 == 0 { -0.25 } else { plan.x_m + gust_m };
-        let mut reported = flight.repeat(slot, &Plan { x_m, y_m: plan.y_m - gust_m, z_m: 20.0 + gust_m, ..plan });
+        let flown = ReportedFlight {
+            position: [x_m, plan.y_m - gust_m, 20.0 + gust_m].into(),
+            mode: Mode::from_repr(plan.mode).unwrap_or_default(),
+            served: plan.scheduled().to_vec(),
+            refused: 0,
+            energy_j: f64::INFINITY,
+        };
+        let mut reported = flight.repeat(slot, &flown);
         drop(planned);
         reported.mode = Mode::Serve as u32;
         reported.served *= u32::from(slot % 7 > 0);

@@ -119,7 +119,8 @@ fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
     let place = Place::new();
     recorded(&place, "run");
     let view = View::start(&place, &["run"]);
-    let (said, port) = (&view.said, view.port);
+    let said = &view.said;
+    let port = view.port;
     assert!(said.contains("run/mission.rrd") && said.contains(&format!("ssh -C -L {port}:127.0.0.1:{port} HOST")));
 
     let index = view.ask("GET", "/");
@@ -244,7 +245,8 @@ fn a_running_mission_is_shown_from_its_port() {
     let (run, free) = run_live(&place);
     let live = format!("--live={free}");
     let view = View::start(&place, &[&live]);
-    let (said, port) = (&view.said, view.port);
+    let said = &view.said;
+    let port = view.port;
     assert!(said.contains(&format!("-L {port}:127.0.0.1:{port} -L {free}:127.0.0.1:{free} HOST")), "{said}");
     let index = view.ask("GET", "/");
     assert!(index.text().contains(&format!("const livePort = {free};")), "{}", index.text());

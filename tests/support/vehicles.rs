@@ -58,9 +58,12 @@ impl TestVehicle {
         let copters = Arc::new(Mutex::new(vec![Copter::new(&options); options.count.into()]));
         let acts: Arc<Mutex<Vec<Act>>> = Arc::default();
         let stop = Stop::default();
-        let (seen, due, ended) = (Arc::clone(&copters), Arc::clone(&acts), stop.clone());
+        let seen = Arc::clone(&copters);
+        let due = Arc::clone(&acts);
+        let ended = stop.clone();
         let is_mute: Arc<AtomicBool> = Arc::default();
-        let (mute, is_over) = (Arc::clone(&is_mute), stop.clone());
+        let mute = Arc::clone(&is_mute);
+        let is_over = stop.clone();
         let relay = thread::spawn(move || relay(&radio, port, &mute, &is_over));
         let server = thread::spawn(move || {
             let see = |index: usize, copter: &mut Copter| {
@@ -134,7 +137,8 @@ impl Drop for TestVehicle {
 fn relay(radio: &UdpSocket, port: u16, is_mute: &AtomicBool, is_over: &Stop) {
     radio.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let bridge = SocketAddr::from(([127, 0, 0, 1], port));
-    let (mut vehicle, mut message) = (None, [0; 300]);
+    let mut vehicle = None;
+    let mut message = [0; 300];
     while is_over.requested().is_none() {
         let Ok((length, from)) = radio.recv_from(&mut message) else { continue };
         let to = if from == bridge { vehicle } else { Some(bridge).filter(|_| !is_mute.load(Ordering::Relaxed)) };

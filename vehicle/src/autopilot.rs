@@ -220,17 +220,18 @@ impl AutopilotKind {
     #[must_use]
     pub fn condition(self) -> Option<&'static Condition> {
         match self {
-            Self::ArduPilot => {
-                Some(&Condition {
-                    parameters: &["SYSID_MYGCS", "MAV_GCS_SYSID"],
-                    meaning: "to say which ground station it listens to",
-                    refusal: |value, own_system| {
-                        (value != f64::from(own_system)).then(|| {
-                        format!("expected {own_system}, the system of the bridge, or ?own_system={value} behind the address")
+            Self::ArduPilot => Some(&Condition {
+                parameters: &["SYSID_MYGCS", "MAV_GCS_SYSID"],
+                meaning: "to say which ground station it listens to",
+                refusal: |value, own_system| {
+                    (value != f64::from(own_system)).then(|| {
+                        format!(
+                            "expected {own_system}, the system of the bridge, or ?own_system={value} behind the \
+                            address"
+                        )
                     })
-                    },
-                })
-            }
+                },
+            }),
             Self::Px4 => Some(&Condition {
                 parameters: &["COM_DLL_EXCEPT"],
                 meaning: "to say in which modes it may stay when the bridge is silent",

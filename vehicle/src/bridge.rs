@@ -101,6 +101,10 @@ impl SlotEnds {
 /// A vehicle with the order of the slot.
 struct Member {
     control: VehicleControl,
+    /// The altitude of its waypoints [m]; `None` if they have their own.
+    altitude_m: Option<f64>,
+    /// Energy of its full battery [J]; `None` without one.
+    capacity_j: Option<f64>,
     /// Whether it has hovered at its start, or was in its mission before.
     has_begun: bool,
     /// The plan that it follows; `None` if there is none.
@@ -131,9 +135,6 @@ pub struct Bridge {
     fleet: Fleet,
     members: Vec<Member>,
     slot_s: f64,
-    /// The altitude of all waypoints [m]; `None` if they have their own.
-    altitude_m: Option<f64>,
-    capacity_j: Option<f64>,
     /// When the first vehicle was ready, and others were not [s].
     waiting_s: Option<f64>,
     patience: Patience,
@@ -157,17 +158,18 @@ impl Bridge {
     ) -> Self {
         let mut fleet = Fleet::new(scenario, sensors);
         fleet.restore(reports);
-        let battery = Battery::finite(scenario);
-        let altitude_m = scenario.uav.fixed_altitude_m();
-        // Where the vehicle stood, it climbs.
-        let in_range_m =
-            |z_m: f64| scenario.uav.climb().map_or(z_m, |climb| z_m.clamp(climb.min_altitude_m, climb.max_altitude_m));
         let member = |(uav, report): (usize, &FlightReport)| {
+            let keys = scenario.uav_of(uav);
+            let battery = Battery::finite(&scenario.of_uav(uav));
+            let altitude_m = keys.fixed_altitude_m();
+            // Where the vehicle stood, it climbs.
+            let in_range_m =
+                |z_m: f64| keys.climb().map_or(z_m, |climb| z_m.clamp(climb.min_altitude_m, climb.max_altitude_m));
             let position = report.position();
             let assignment = Assignment {
                 frame,
                 start: Point3::new(position.x, position.y, altitude_m.unwrap_or_else(|| in_range_m(position.z))),
-                speed_mps: scenario.uav.max_speed_mps,
+                speed_mps: keys.max_speed_mps,
                 battery: battery.map_or(DEFAULT_BATTERY, |battery| battery.initial_j / battery.capacity_j),
                 low_battery: battery.map_or(DEFAULT_LOW_BATTERY, |battery| battery.reserve_j / battery.capacity_j),
                 own_system: own[uav].system,
@@ -185,15 +187,22 @@ impl Bridge {
             control.say_restored(before.map_or(state, |before| before.state));
             let was_over = beginning == Beginning::First && control.is_committed();
             let has_begun = was_over || beginning == Beginning::Restarted { in_mission: true };
-            Member { control, has_begun, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
+            Member {
+                control,
+                altitude_m,
+                capacity_j: battery.map(|battery| battery.capacity_j),
+                has_begun,
+                plan: None,
+                refusal: HoldReason::NoPlan,
+                begin_s: None,
+                is_doubtful: false,
+            }
         };
         let plan_s = PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s);
         Self {
             members: reports.iter().enumerate().map(member).collect(),
             fleet,
             slot_s: scenario.slot_s,
-            altitude_m,
-            capacity_j: battery.map(|battery| battery.capacity_j),
             waiting_s: None,
             patience: Patience { planned_s: None, suspended_s: 0.0, plan_s, next_s: plan_s },
             ends: SlotEnds::default(),
@@ -385,7 +394,7 @@ impl Bridge {
         let target = |uav: usize| self.members[uav].control.target();
         let refusals = self.fleet.refusals(plans, follows, target);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
-            let plan = Plan { z_m: self.altitude_m.unwrap_or(plan.z_m), ..*plan };
+            let plan = Plan { z_m: member.altitude_m.unwrap_or(plan.z_m), ..*plan };
             member.refusal = if plan.mode == Mode::Charge as u32 { HoldReason::Base } else { refusal };
             member.plan = Some(plan);
             if member.refusal == HoldReason::None {
@@ -402,7 +411,7 @@ impl Bridge {
     /// Ends `slot`: writes where the vehicles are to `reports`, with their links.
     pub fn end(&mut self, slot: u64, reports: &mut [FlightReport], now_s: f64) {
         for (member, report) in self.members.iter().zip(reports.iter_mut()) {
-            *report = member.report(report, slot as f64 * self.slot_s, self.capacity_j, now_s);
+            *report = member.report(report, slot as f64 * self.slot_s, now_s);
             let Some(plan) = member.plan.filter(|_| member.flies_plan()) else { continue };
             if member.is_doubtful || !member.control.has_current_position(now_s) {
                 self.ends.doubtful += 1;
@@ -433,7 +442,7 @@ impl Member {
 
     /// What it reports at the end of a slot, at `end_s` of the mission [s] if its clock is not known, without links,
     /// after the report `before`.
-    fn report(&self, before: &FlightReport, end_s: f64, capacity_j: Option<f64>, now_s: f64) -> FlightReport {
+    fn report(&self, before: &FlightReport, end_s: f64, now_s: f64) -> FlightReport {
         let Self { control, plan, .. } = self;
         let vehicle = &control.vehicle;
         let position = control.position().unwrap_or_else(|| before.position());
@@ -447,7 +456,7 @@ impl Member {
             let [horizontal_m2, vertical_m2] = [horizontal_m.powi(2), vertical_m.powi(2)];
             report.covariance_m2 = [horizontal_m2, 0.0, 0.0, horizontal_m2, 0.0, vertical_m2];
         }
-        report.energy_j = capacity_j.zip(vehicle.power.left).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
+        report.energy_j = self.capacity_j.zip(vehicle.power.left).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
         let mode = match (control.state(), plan) {
             (State::Done, _) => Mode::Down,
             (State::Home { .. } | State::HandsOff | State::Silent, _) => Mode::Return,

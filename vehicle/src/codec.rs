@@ -42,17 +42,7 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
         },
         MavMessage::CURRENT_MODE(current) => Telemetry::Mode(current.custom_mode),
         MavMessage::GLOBAL_POSITION_INT(position) if position.lat != 0 || position.lon != 0 => {
-            let cm = |value: i16| f64::from(value) / 100.0;
-            let heading_deg = f64::from(position.hdg) / 100.0;
-            Telemetry::Position(Fix {
-                lat_deg: f64::from(position.lat) / 1e7,
-                lon_deg: f64::from(position.lon) / 1e7,
-                above_home_m: f64::from(position.relative_alt) / 1e3,
-                above_sea_m: f64::from(position.alt) / 1e3,
-                velocity_mps: [cm(position.vy), cm(position.vx), -cm(position.vz)], // from north, east, down
-                heading_deg: if position.hdg == u16::MAX { f64::INFINITY } else { heading_deg },
-                boot_s: f64::from(position.time_boot_ms) / 1e3,
-            })
+            Telemetry::Position(fix(position))
         }
         MavMessage::ESTIMATOR_STATUS(status) => {
             let accuracy_m = [status.pos_horiz_accuracy, status.pos_vert_accuracy].map(f64::from);
@@ -85,6 +75,21 @@ pub fn decode(message: &MavMessage) -> Option<Telemetry> {
         },
         _ => return None,
     })
+}
+
+/// The position of a message.
+fn fix(position: &GLOBAL_POSITION_INT_DATA) -> Fix {
+    let cm = |value: i16| f64::from(value) / 100.0;
+    let heading_deg = f64::from(position.hdg) / 100.0;
+    Fix {
+        lat_deg: f64::from(position.lat) / 1e7,
+        lon_deg: f64::from(position.lon) / 1e7,
+        above_home_m: f64::from(position.relative_alt) / 1e3,
+        above_sea_m: f64::from(position.alt) / 1e3,
+        velocity_mps: [cm(position.vy), cm(position.vx), -cm(position.vz)], // from north, east, down
+        heading_deg: if position.hdg == u16::MAX { f64::INFINITY } else { heading_deg },
+        boot_s: f64::from(position.time_boot_ms) / 1e3,
+    }
 }
 
 /// The energy that is left, as a fraction, of a number [%] that is negative if it is not known.

@@ -191,7 +191,8 @@ impl VehicleControl {
             Plausibility::Jump { away_m } => {
                 let km = away_m.map_or("far".to_owned(), |away_m| format!("{:.1} km", away_m / 1e3));
                 self.said.say(format!(
-                    "is not believed to be at {lat_deg}, {lon_deg}, {km} from where it was: it gets no waypoints meanwhile"
+                    "is not believed to be at {lat_deg}, {lon_deg}, {km} from where it was: it gets no waypoints \
+                     meanwhile"
                 ));
             }
         }
@@ -319,7 +320,8 @@ impl VehicleControl {
         };
         Input {
             believed: missed.or(believed),
-            is_new: is_new && (missed.is_none() || missed == believed), // nothing is ordered on what was contradicted since
+            // Nothing is ordered on what was contradicted since.
+            is_new: is_new && (missed.is_none() || missed == believed),
             says_armed,
             height,
             is_placed: self.has_current_position(now_s),
@@ -378,7 +380,8 @@ impl VehicleControl {
             State::Done => self.vehicle.meaning() == Some(ModeMeaning::Follows) || !self.preflight.was_down,
             State::Silent => true,
             State::Check { .. } if self.vehicle.autopilot.is_some() && !self.preflight.was_down => true,
-            State::HandsOff => !self.preflight.was_down, // however long it is silent: a GCS failsafe would act over its pilot
+            // However long it is silent: a GCS failsafe would act over its pilot.
+            State::HandsOff => !self.preflight.was_down,
             _ => self.state.may_fly() && self.vehicle.belief.doubt_s(now_s) >= UNHEARD_S && !is_called,
         };
         if is_withheld { Heartbeats::Withheld } else { Heartbeats::Due }

@@ -175,10 +175,13 @@ impl Link {
         let system = u8::try_from(header.system_id).ok()?;
         if system == address.own_system {
             if matches!(message, MavMessage::HEARTBEAT(_)) {
-                self.notice(index, format!(
-                    "another ground station of system {system} is there: its heartbeats keep the vehicle from returning \
-                         when the bridge is silent; ?own_system=N behind the address gives the bridge another"
-                ));
+                self.notice(
+                    index,
+                    format!(
+                        "another ground station of system {system} is there: its heartbeats keep the vehicle from \
+                         returning when the bridge is silent; ?own_system=N behind the address gives the bridge another"
+                    ),
+                );
             }
             return None;
         }
@@ -314,7 +317,8 @@ impl Route {
         if let Some(expected) = self.expected.filter(|expected| *expected != system) {
             let [other, expected] = [system, expected].map(|system| vehicles.describe(system));
             return Err(format!(
-                "{other} is there: expected {expected}, as before the restart of the bridge, or ?system=N behind the address"
+                "{other} is there: expected {expected}, as before the restart of the bridge, or ?system=N behind the \
+                 address"
             ));
         }
         self.system = Some(system);

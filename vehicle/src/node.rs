@@ -123,6 +123,11 @@ struct BridgeProcess<S: Service + 'static> {
     addresses: String,
 }
 
+/// What the bridge is to the vehicle at `address`.
+fn own_side(address: &WireAddress) -> OwnSide {
+    OwnSide { system: address.own_system, modes: address.modes.clone() }
+}
+
 impl<S: Service + 'static> BridgeProcess<S> {
     fn new(
         ring: &Ring<S>,
@@ -160,8 +165,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             _ => Beginning::Restarted { in_mission: flown.len() > 1 },
         };
         let address_of = |uav: usize| &addresses[uav.min(addresses.len() - 1)];
-        let own = |uav| OwnSide { system: address_of(uav).own_system, modes: address_of(uav).modes.clone() };
-        let own: Vec<OwnSide> = (0..uavs).map(own).collect();
+        let own: Vec<OwnSide> = (0..uavs).map(|uav| own_side(address_of(uav))).collect();
         let frame = AreaFrame::at(origin);
         let vehicles = saved.vehicles();
         let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, vehicles, &own);
@@ -199,7 +203,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let links = ring.links.as_ref().map(|links| links.list_writer(self.slots.most_links)).transpose()?;
         let publish = |bridge: &Bridge, slot: u64, reports: &[FlightReport]| {
             if let Some(links) = &links {
-                links.send_list(ring.header(slot, 0), &bridge.heard_links(slot, reports))?; // before the flights, as flight-sim
+                // Before the flights, as flight-sim.
+                links.send_list(ring.header(slot, 0), &bridge.heard_links(slot, reports))?;
             }
             flights.send_list(ring.header(slot, 0), reports)
         };

@@ -122,8 +122,8 @@ impl Preflight {
         };
         let names_both = [ModeMeaning::Follows, ModeMeaning::Returns].iter().all(|mode| assignment.modes.names(*mode));
         if autopilot == AutopilotKind::Other && !names_both {
-            let expected = "expected ArduPilot or PX4, or ?modes=follow:N,return:N with the numbers of its modes behind the \
-                            address";
+            let expected = "expected ArduPilot or PX4, or ?modes=follow:N,return:N with the numbers of its modes \
+                            behind the address";
             let mode = vehicle.mode_name();
             return refuse(format!("its autopilot is not known, and is in {mode}: {expected}"));
         }
@@ -195,8 +195,8 @@ impl Preflight {
             return Ok(awaited.map(|condition| condition.meaning.to_owned()));
         }
         let unheard = format!(
-            "to say what it does when the bridge is silent ({parameter}): it is heard and answers nothing: a link in one \
-             direction, a wrong address, or an autopilot that wants signed messages, which the bridge does not send"
+            "to say what it does when the bridge is silent ({parameter}): it is heard and answers nothing: a link in \
+             one direction, a wrong address, or an autopilot that wants signed messages, which the bridge does not send"
         );
         match asked_for_s {
             UNANSWERED_S.. if asked_for_s >= GIVEN_UP_S => refuse(format!("waited {GIVEN_UP_S} s for it {unheard}")),

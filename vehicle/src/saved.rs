@@ -153,7 +153,8 @@ impl SavedVehicles {
                 || match vehicle.state {
                     State::Arm { was_armed } => was_armed,
                     State::Climb | State::Fly { .. } | State::Home { .. } => true,
-                    State::HandsOff => vehicle.was_down, // else it was found so, as after a resumption that came too early
+                    // Else it was found so, as after a resumption that came too early.
+                    State::HandsOff => vehicle.was_down,
                     _ => false,
                 };
             self.were_flown[uav] = vehicle.was_flown;

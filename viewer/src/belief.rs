@@ -15,6 +15,7 @@ use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::uploads;
+use skysink_common::told::Told;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -72,18 +73,18 @@ impl BeliefMaps {
     }
 
     /// Updates the estimate with the contacts of a slot, which follows `before`.
-    pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, queues_bits: &[u32], flights: &[FlightReport]) {
+    pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, told: Told<'_>, flights: &[FlightReport]) {
         self.is_followed |= slot == 0;
         if !self.is_followed {
             return;
         }
-        let is_known = |id: &u32| (*id as usize) < queues_bits.len();
+        let is_known = |id: &u32| (*id as usize) < told.queues_bits.len();
         let served = uploads(flights).map(|link| link.sensor).filter(is_known);
         let reported = match before.sums.slot {
             Some(last) if last + 1 == slot => self.belief.reported(slot, served, &before.sums.queues_bits),
             _ => ReportedQueues::default(),
         };
-        self.belief.advance(slot, flights, &reported, queues_bits);
+        self.belief.advance(slot, flights, &reported, told);
     }
 
     /// Draws the estimated and the true queues after the last observed slot. Draws nothing if the viewer has missed the

@@ -5,6 +5,8 @@
 
 use std::ops::RangeInclusive;
 
+use skysink_common::interpolation::interpolate;
+
 /// Red, green, blue.
 pub type Rgb = [u8; 3];
 
@@ -171,7 +173,7 @@ pub(crate) const HEARD_DB: [f64; 2] = [-10.0, 30.0];
 /// Interpolates between two colours, at a fraction from 0 to 1.
 pub(crate) fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
     let [from, to] = [from, to].map(|colour| colour.map(f64::from));
-    std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * fraction).round() as u8)
+    std::array::from_fn(|channel| interpolate(from[channel], to[channel], fraction).round() as u8)
 }
 
 #[cfg(test)]

@@ -13,13 +13,14 @@ use crate::blueprint::{Blueprint, class};
 use crate::cameras::{TOP, field_frame, overview};
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
-use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, film, flown, from_above, lock_axis, select, select_all};
+use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, flown, from_above};
 use crate::picture::Picture;
 use crate::queues::Fill;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::shapes::curve_style;
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
+use crate::views::{film, lock_axis, select, select_all};
 use crate::{path, queues, uav};
 
 /// The page with the comparison table.
@@ -128,7 +129,7 @@ impl Comparison {
         for plot in &PLOTS {
             self.canvas.append(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
         }
-        if self.recording.is_batch_due(view.queues_bits.len()) {
+        if self.recording.is_batch_due(view.told.queues_bits.len()) {
             self.recording.send_batch();
         }
         Ok(())

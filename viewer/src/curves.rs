@@ -8,6 +8,7 @@ use skysink_common::scenario::Scenario;
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::queues::Fill;
+use crate::readout::capacities_j;
 use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::slot::SlotView;
@@ -52,9 +53,12 @@ const CURVES: [Curve; 8] = [
 
 /// The entities of the batteries of a mission, UAV by UAV, and their colours; none without batteries.
 pub(crate) fn batteries(scenario: &Scenario) -> Vec<(String, Rgb)> {
-    let uavs = scenario.uav.battery.map_or(0, |_| scenario.uav.uavs());
+    let uavs = scenario.uav.uavs();
     let paint = |uav| if uavs == 1 { colour::CHARGE } else { colour::of_uav(uav) };
-    (0..uavs).map(|uav| (name_of(BATTERY, uav), paint(uav))).collect()
+    (0..uavs)
+        .filter(|&uav| scenario.uav_of(uav).battery.is_some())
+        .map(|uav| (name_of(BATTERY, uav), paint(uav)))
+        .collect()
 }
 
 /// Curves that rarely change.
@@ -69,15 +73,16 @@ pub(crate) struct Curves {
     /// Missed slots up to the last drawn slot.
     missed_slots: Option<u64>,
     rare: Rhythm,
-    /// Energy of the full battery [J]; `None` without one.
-    capacity_j: Option<f64>,
+    /// By UAV: energy of the full battery [J]; `None` without one.
+    capacities_j: Vec<Option<f64>>,
 }
 
 impl Curves {
     /// Logs names and colours of the curves of a mission.
     pub(crate) fn open(canvas: &Canvas, scenario: &Scenario, has_random_arrivals: bool) -> RecordingStreamResult<Self> {
-        let capacity_j = scenario.uav.battery.map(|battery| battery.capacity_j);
-        for (uav, (entity, paint)) in batteries(scenario).into_iter().enumerate() {
+        let capacities_j = capacities_j(scenario);
+        let numbers = capacities_j.iter().enumerate().filter_map(|(uav, capacity_j)| capacity_j.map(|_| uav));
+        for (uav, (entity, paint)) in numbers.zip(batteries(scenario)) {
             let name = if scenario.uav.uavs() == 1 { "battery [%]".to_owned() } else { format!("UAV {uav} [%]") };
             canvas.log_static(entity, &curve_style(&name, paint))?;
         }
@@ -89,7 +94,7 @@ impl Curves {
         }
         let steps = SeriesLines::update_fields().with_interpolation_mode(InterpolationMode::StepAfter);
         canvas.log_static(MISSED, &steps)?; // whatever slots have points
-        Ok(Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, scenario.slots), capacity_j })
+        Ok(Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, scenario.slots), capacities_j })
     }
 
     /// Logs one point per curve.
@@ -111,10 +116,9 @@ impl Curves {
                 canvas.append(entity, &Scalars::single(number))?;
             }
         }
-        if let Some(capacity_j) = self.capacity_j {
-            for row in view.uavs() {
-                canvas.append(name_of(BATTERY, row.uav), &Scalars::single(100.0 * row.flight.energy_j / capacity_j))?;
-            }
+        for (row, capacity_j) in view.uavs().zip(&self.capacities_j) {
+            let Some(capacity_j) = capacity_j else { continue };
+            canvas.append(name_of(BATTERY, row.uav), &Scalars::single(100.0 * row.flight.energy_j / capacity_j))?;
         }
         if let Some(sampled_bits) = sampled_bits {
             canvas.append(SAMPLED, &Scalars::single(sampled_bits as f64 / 1e3))?;

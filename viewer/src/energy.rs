@@ -5,15 +5,17 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{AnnotationContext, LineStrips3D, Scalars};
 use re_sdk_types::components::{ClassId, Radius};
 use re_sdk_types::datatypes::AnnotationInfo;
-use skysink_common::nodes::DEAD;
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::Sensors;
 
+use crate::blueprint::Blueprint;
 use crate::canvas::Canvas;
 use crate::colour;
+use crate::layer::{Layer, LayerRow, LayerSetup, LayerTile, OpenLayer};
 use crate::shapes::{Point, circle_of, curve_style, line_style};
-use crate::sizes::{MAX_BARS, Sizes};
+use crate::sizes::MAX_BARS;
 use crate::slot::SlotView;
+use crate::views;
 
 /// A ring about each sensor node with a battery, coloured by the energy left; none where that is unknown.
 pub const ENERGY: &str = "world/energy";
@@ -25,8 +27,16 @@ pub const ALIVE: &str = "metrics/alive";
 /// Levels of the energy above none, 10 % each.
 const FULL_LEVEL: u16 = 10;
 
+/// What sensor nodes have left, and which are dead.
+pub(crate) const LAYER: LayerRow = LayerRow { legend, plot, ..LayerRow::new(NodeEnergy::open) };
+
+/// Whether the sensor nodes of a mission have something that runs out.
+fn is_drawn(scenario: &Scenario) -> bool {
+    scenario.node_traits().has_level
+}
+
 /// The batteries of the scene.
-pub(crate) struct NodeEnergy {
+struct NodeEnergy {
     feet: Vec<Point>,
     /// Radius of the rings [m].
     radius_m: f32,
@@ -37,14 +47,9 @@ pub(crate) struct NodeEnergy {
 }
 
 impl NodeEnergy {
-    /// Styles the rings and crosses; `None` without batteries.
-    pub(crate) fn open(
-        canvas: &Canvas,
-        scenario: &Scenario,
-        sensors: &Sensors,
-        sizes: &Sizes,
-    ) -> RecordingStreamResult<Option<Self>> {
-        if scenario.sensors.energy.is_none() {
+    /// Styles the rings and crosses.
+    fn open(canvas: &Canvas, LayerSetup { scenario, sensors, sizes }: LayerSetup<'_>) -> OpenLayer {
+        if !is_drawn(scenario) {
             return Ok(None);
         }
         canvas.log_static(ENERGY, &AnnotationContext::new((0..=FULL_LEVEL).map(describe)))?;
@@ -53,17 +58,26 @@ impl NodeEnergy {
         canvas.log_static(DEAD_MARKS, &line_style(colour::DEAD, 1.5))?;
         canvas.log_static(ALIVE, &curve_style("SNs alive", colour::CHARGE))?;
         let z_m = 0.1 * sizes.layer_m;
-        Ok(Some(Self {
+        Ok(Some(Box::new(Self {
             feet: sensors.positions.iter().map(|at| [at.x as f32, at.y as f32, z_m]).collect(),
             radius_m: 1.9 * sizes.bar_half_m,
             corners: if sensors.count() <= MAX_BARS { 24 } else { 8 },
             is_shown: false,
-        }))
+        })))
     }
 
-    /// Shows the batteries after a slot.
-    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
-        let dead = || self.feet.iter().zip(view.queues_bits).filter(|(_, bits)| **bits == DEAD).map(|(foot, _)| *foot);
+    /// The two lines over a dead sensor node.
+    fn cross(&self, [x_m, y_m, z_m]: Point) -> [[Point; 2]; 2] {
+        let half_m = 1.3 * self.radius_m;
+        let line = |sign: f32| [-1.0, 1.0].map(|end: f32| [x_m + end * half_m, y_m + sign * end * half_m, z_m]);
+        [line(1.0), line(-1.0)]
+    }
+}
+
+impl Layer for NodeEnergy {
+    fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
+        let feet = || self.feet.iter().zip(view.told.answers);
+        let dead = || feet().filter(|(_, answer)| **answer == Answer::Dead).map(|(foot, _)| *foot);
         let crosses = dead().flat_map(|foot| self.cross(foot));
         canvas.show(DEAD_MARKS, &LineStrips3D::update_fields().with_strips(crosses))?;
         canvas.append(ALIVE, &Scalars::single((self.feet.len() - dead().count()) as f64))?;
@@ -77,13 +91,21 @@ impl NodeEnergy {
         let levels = left.map(|fraction| ClassId::from(level(fraction)));
         canvas.show(ENERGY, &LineStrips3D::update_fields().with_strips(rings).with_class_ids(levels))
     }
+}
 
-    /// The two lines over a dead sensor node.
-    fn cross(&self, [x_m, y_m, z_m]: Point) -> [[Point; 2]; 2] {
-        let half_m = 1.3 * self.radius_m;
-        let line = |sign: f32| [-1.0, 1.0].map(|end: f32| [x_m + end * half_m, y_m + sign * end * half_m, z_m]);
-        [line(1.0), line(-1.0)]
+fn legend(scenario: &Scenario) -> Option<String> {
+    let row = "| ring, brown → light green; cross | energy left in the SN; dead SN |\n";
+    is_drawn(scenario).then(|| row.to_owned())
+}
+
+/// The number of sensor nodes that are alive, of `count`.
+fn plot(layout: &mut Blueprint, scenario: &Scenario, count: usize) -> LayerTile {
+    if !is_drawn(scenario) {
+        return Ok(None);
     }
+    let alive = views::plot(layout, "SNs alive", &[ALIVE])?;
+    views::lock_axis(layout, alive, [-0.04, 1.1].map(|part| part * count as f64))?;
+    Ok(Some(alive))
 }
 
 /// Level of an energy left: 0 only of an empty battery.

@@ -9,12 +9,14 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::loss_rate::LossRate;
 use skysink_common::message::{FlightReport, Totals};
-use skysink_common::nodes::{DEAD, held_bits};
+use skysink_common::nodes::Answer;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::uploads;
+use skysink_common::told::Told;
 
 use crate::zones::Raster;
 
@@ -38,6 +40,7 @@ const U64_BYTES: usize = 10;
 #[derive(Debug, Clone)]
 pub(crate) struct SensorHistory {
     sensors: Arc<Sensors>,
+    rate: LossRate,
     slot_s: f64,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
@@ -67,7 +70,7 @@ pub(crate) struct Sums {
 impl SensorHistory {
     /// The loss rate so far, `η`, of a mission with these `totals` (decisions D3 and D24).
     pub(crate) fn loss_rate(&self, totals: &Totals) -> f64 {
-        totals.loss_rate(self.sensors.counts_initial)
+        self.rate.after(self.sums.slot.unwrap_or(0), totals)
     }
 
     /// The history before the first slot.
@@ -81,6 +84,7 @@ impl SensorHistory {
         let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
         Self {
             sensors: Arc::clone(sensors),
+            rate: LossRate::of(scenario, sensors.ids().map(|id| sensors.sampler(id).mean_bits)),
             slot_s: scenario.slot_s,
             lost_now_bits: vec![0; count],
             died: Vec::new(),
@@ -91,19 +95,22 @@ impl SensorHistory {
         }
     }
 
-    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN
+    /// Adds a slot, after which queues and answers are as they are `told`, and the UAVs are above `uavs`. A dead SN
     /// loses what it holds and samples.
-    pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
+    pub(crate) fn add<'t>(&mut self, slot: u64, told: impl Into<Told<'t>>, uavs: impl IntoIterator<Item = Position>) {
+        let told = told.into();
+        let queues_bits = told.queues_bits;
         let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, radius_m, sums, .. } = self;
         died.clear();
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
-            let lost_bits_of = |id: usize| match sensors.may_refuse && queues_bits[id] == DEAD {
+            let is_dead = told.answer(id as u32) == Answer::Dead;
+            let lost_bits_of = |id: usize| match is_dead {
                 true => u64::from(before_bits) + sensors.sampling.bits(id, slot),
                 false => sensors.sampling.overflow_bits(id, before_bits, slot),
             };
-            if is_next && sensors.may_refuse && queues_bits[id] == DEAD && before_bits > 0 {
+            if is_next && is_dead && before_bits > 0 {
                 died.push(id as u32);
             }
             *lost_now_bits = if is_next { lost_bits_of(id) } else { 0 };
@@ -113,9 +120,8 @@ impl SensorHistory {
             *sampled_now_bits = (0..queues_bits.len()).map(|id| sensors.sampling.bits(id, slot)).collect();
         }
         sums.slot = Some(slot);
-        let held = |&bits: &u32| if sensors.may_refuse { held_bits(bits) } else { bits };
         sums.queues_bits.clear();
-        sums.queues_bits.extend(queues_bits.iter().map(held));
+        sums.queues_bits.extend_from_slice(queues_bits);
         for cell in uavs.into_iter().flat_map(|uav| in_range(*grid, *radius_m, uav)) {
             sums.in_range[cell] = slot + 1;
         }
@@ -236,32 +242,28 @@ mod tests {
     const MIDDLE: Position = Position::new(50.0, 50.0);
 
     #[test]
-    fn a_loss_rate_counts_initial_queues_where_bits_expire_or_sensor_nodes_die() {
-        let totals = Totals { initial_bits: 300, sampled_bits: 100, lost_bits: 200, ..Totals::default() };
-        let rate = |keys: &str| {
-            let text = format!("name = 'x'\nslots = 9\n[sensors]\ncount = 3\n{keys}");
-            let scenario = Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
-            let history = SensorHistory::new(&scenario, &Arc::new(Sensors::of(&scenario, &[SensorNode::default(); 3])));
-            history.loss_rate(&totals)
-        };
-        let duty = "[link]\nduty_cycle = 0.5\nduty_window_s = 9.0\n";
-        assert_eq!(["", duty].map(rate), [2.0; 2], "more was sampled before");
-        assert_eq!(["expiry_s = 5.0\n", "[sensors.energy]\ncapacity_j = 9.0\n"].map(rate), [0.5; 2]);
+    fn the_loss_rate_is_of_what_the_sensor_nodes_sample_on_average() {
+        let mut history = history();
+        assert_eq!(history.loss_rate(&Totals::default()), 0.0);
+        (0..=3).for_each(|slot| history.add(slot, &[0; 3], [MIDDLE]));
+        // In three slots of 1 s 300, 7.5 and 0 bit, of which whole bits are 307.
+        let totals = Totals { sampled_bits: 307, lost_bits: 123, ..Totals::default() };
+        assert!((history.loss_rate(&totals) - 0.4).abs() < 1e-12);
     }
 
     #[test]
     fn a_sensor_node_that_dies_loses_what_it_has_not_uploaded() {
         let mut history = history();
-        Arc::make_mut(&mut history.sensors).may_refuse = true;
         history.add(0, &[500, 400, 0], [MIDDLE]);
-        history.add(1, &[DEAD, 402 | 1 << 31, 0], [MIDDLE]);
+        let answers = [Answer::Dead, Answer::Silent, Answer::Queue];
+        history.add(1, Told::new(&[0, 402, 0], &answers), [MIDDLE]);
         assert_eq!((history.sums.lost_bits[0], history.sums.queues_bits[1]), (600, 402));
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Serve);
         flight.links[0] = LinkReport { capacity_bits: 450, ..LinkReport::default() };
         flight.served = 1;
         history.credit(&[flight]);
         assert_eq!(history.sums.lost_bits, [150, 0, 0]);
-        history.add(2, &[DEAD, 404, 0], [MIDDLE]);
+        history.add(2, Told::new(&[0, 404, 0], &answers), [MIDDLE]);
         history.credit(&[flight]);
         assert_eq!(history.sums.lost_bits, [250, 0, 0], "the dead upload nothing");
     }

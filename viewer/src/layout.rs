@@ -1,24 +1,20 @@
 //! The layout of the scene: views, cameras, axes and timeline.
 
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::blueprint::archetypes::{
-    Background, EyeControls3D, LineGrid3D, NearClipPlane, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns,
-    VisualBounds2D,
-};
-use re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind};
+use re_sdk_types::blueprint::archetypes::{NearClipPlane, TextLogColumns};
+use re_sdk_types::blueprint::components::{self, ContainerKind};
 use re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use skysink_common::channel::Channel;
 use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::{Blueprint, Tile, class};
-use crate::cameras::{self, around_uav, beside_uav, overview};
-use crate::colour;
-use crate::los::{self, profile};
+use crate::cameras::{self, beside_uav, overview};
 use crate::recording::Recording;
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
-use crate::{belief, curves, energy, events, geo, legend, link_map, links, maps, path, queues, uav};
+use crate::views::{film, frame, lock_axis, omit, omit_all, picture, plot, select, select_all};
+use crate::{belief, curves, events, geo, layers, legend, link_map, maps, path, queues, uav};
 
 /// Playback speed of a file [slot/s].
 pub(crate) const SLOTS_PER_S: f64 = 10.0;
@@ -62,28 +58,10 @@ fn lane(layout: &mut Blueprint, live: Option<u16>, has_base: bool) -> RecordingS
     Ok(states)
 }
 
-pub(crate) fn select(entity: &str) -> String {
-    format!("+ /{entity}")
-}
-
-/// An entity and all below it.
-pub(crate) fn select_all(entity: &str) -> String {
-    format!("+ /{entity}/**")
-}
-
-fn omit(entity: &str) -> String {
-    format!("- /{entity}")
-}
-
-/// Excludes an entity and all below it.
-fn omit_all(entity: &str) -> String {
-    format!("- /{entity}/**")
-}
-
 /// Slots of the flown path in the top view. A map shows the whole path.
 pub(crate) const TRACK_SLOTS: u32 = 40;
 
-/// The tabs: three views of the 3D scene, the maps, the legend, and those for estimated queues and line of sight.
+/// The tabs: three views of the 3D scene, the maps, the legend, and those for estimated queues and of layers.
 fn scenes(
     layout: &mut Blueprint,
     sizes: &Sizes,
@@ -126,9 +104,7 @@ fn scenes(
     if estimated.is_some() {
         tabs.push((1.0, beliefs(layout, sizes)?));
     }
-    if Channel::of(&scenario.link).random_sight().is_some() {
-        tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
-    }
+    tabs.extend(layers::tabs(layout, scenario, sizes)?.into_iter().map(|tab| (1.0, tab)));
     tabs.push((1.0, layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?));
     layout.container(ContainerKind::Tabs, &tabs)
 }
@@ -196,42 +172,6 @@ fn map(layout: &mut Blueprint, name: &str, root: &str, sizes: &Sizes) -> Recordi
     picture(layout, name, root, &[select_all(maps::AREA), select(maps::UAV)], maps::bounds(sizes))
 }
 
-/// Sets the camera and the background of a 3D view.
-pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
-    layout.set(view, camera)?;
-    layout.set(view, &background())?;
-    layout.set(view, &LineGrid3D::new().with_visible(false))?; // the area has its own
-    layout.set(view, &SpatialInformation::update_fields().with_show_axes(false))
-}
-
-/// The line-of-sight tab: the space around the UAV, its legend, and the curves behind the choice of the altitude.
-fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
-    let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
-    let hidden = [uav::TRACK, uav::DOT, links::CHOSEN, legend::AXES].map(omit);
-    let contents = [&shown[..], &hidden, &[omit_all(links::CANDIDATES)]].concat();
-    let room = layout.view(class::SCENE, "Links around the UAV", uav::COVERAGE, &contents)?;
-    layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
-    film(layout, room, &around_uav(sizes))?;
-    let page = layout.view(class::TEXT, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
-    let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
-
-    let why = picture(layout, "Expected rate (green) by altitude", profile::PROFILE, &[], profile::BOUNDS)?;
-    let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
-    lock_axis(layout, altitude, [-0.08, 1.1].map(|part| part * f64::from(sizes.highest_m)))?;
-    let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
-    lock_axis(layout, elevation, [-5.0, 105.0])?;
-    let probability = plot(layout, "Probability of sight of each served link", &by_draw(los::PROBABILITY))?;
-    lock_axis(layout, probability, [-0.05, 1.1])?;
-    let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, probability)];
-    let right = layout.container(ContainerKind::Vertical, &right)?;
-    layout.tab(ContainerKind::Horizontal, "Line of sight", &[(1.9, left), (1.0, right)])
-}
-
-/// The curves of the served links below a root, by line of sight.
-fn by_draw(root: &str) -> [String; 3] {
-    [los::MEAN, los::SIGHT, los::BLOCKED].map(|name| format!("{root}/{name}"))
-}
-
 /// The column with curves, colour scales and text.
 fn beside(
     layout: &mut Blueprint,
@@ -273,10 +213,8 @@ fn beside(
         lock_axis(layout, battery, [-4.0, 110.0])?;
         others.insert(0, (1.0, battery));
     }
-    if scenario.sensors.energy.is_some() {
-        let alive = plot(layout, "SNs alive", &[energy::ALIVE])?;
-        lock_axis(layout, alive, [-0.04, 1.1].map(|part| part * count as f64))?;
-        others.insert(0, (1.0, alive));
+    for view in layers::plots(layout, scenario, count)? {
+        others.insert(0, (1.0, view));
     }
     if clock == WallClock::Measured {
         others.push((1.0, plot(layout, "Plan [ms]", &[curves::PLAN_LATENCY])?));
@@ -294,47 +232,10 @@ fn beside(
     layout.container(ContainerKind::Vertical, &rows)
 }
 
-/// A plot whose title names the curves. A legend would cover them.
-fn plot<E: AsRef<str>>(layout: &mut Blueprint, name: &str, entities: &[E]) -> RecordingStreamResult<Tile> {
-    let entities: Vec<_> = entities.iter().map(|entity| select(entity.as_ref())).collect();
-    let view = layout.view(class::CURVES, name, "", &entities)?;
-    layout.set(view, &PlotLegend::new().with_visible(false))?;
-    Ok(view)
-}
-
 fn log(layout: &mut Blueprint) -> RecordingStreamResult<Tile> {
     let view = layout.view(class::LOG, "Events", events::LOG, &[select(events::LOG)])?;
     let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
         .map(|kind| components::TextLogColumn(datatypes::TextLogColumn { visible: true.into(), kind }));
     layout.set(view, &TextLogColumns::update_fields().with_text_log_columns(columns))?;
     Ok(view)
-}
-
-/// Fixes the range of the y axis of a plot.
-pub(crate) fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> RecordingStreamResult<()> {
-    layout.set(plot, &ScalarAxis::new().with_range(range).with_zoom_lock(true))
-}
-
-/// A 2D view of the entities below `root` and those that `others` selects, with these bounds in x and y.
-fn picture(
-    layout: &mut Blueprint,
-    name: &str,
-    root: &str,
-    others: &[String],
-    bounds: [[f64; 2]; 2],
-) -> RecordingStreamResult<Tile> {
-    let view = layout.view(class::PICTURE, name, root, &[&[select_all(root)], others].concat())?;
-    frame(layout, view, bounds)?;
-    Ok(view)
-}
-
-/// Sets the bounds in x and y and the background of a 2D view.
-fn frame(layout: &Blueprint, view: Tile, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<()> {
-    let bounds = re_sdk_types::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
-    layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
-    layout.set(view, &background())
-}
-
-fn background() -> Background {
-    Background::new(BackgroundKind::SolidColor).with_color(colour::BACKGROUND)
 }

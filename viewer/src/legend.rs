@@ -7,9 +7,10 @@ use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Image, Points3D, TextDocument, Transform3D};
 use re_sdk_types::components::Radius;
 use skysink_common::base::{Base, BaseArea};
-use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::channel::Channel;
 use skysink_common::estimate::Rates;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
@@ -19,8 +20,6 @@ use crate::sizes::{MAX_BARS, Sizes};
 
 /// The main page.
 pub const PAGE: &str = "legend";
-/// The page on line of sight.
-pub const LOS_PAGE: &str = "legend/los";
 /// The colour scales.
 pub const SCALE: &str = "scale";
 /// Ground, frame and grid of the area.
@@ -41,20 +40,16 @@ pub const BASE: &str = "world/base";
 /// Bounds of the view of the scales, in x and y (down).
 pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-24.0, 624.0], [-12.0, 58.0]];
 
-/// Writes the pages of text; `estimated` says whether the UAV has to estimate the queues.
-pub(crate) fn log_pages(
+/// Writes the page of text, with the rows of `layers`; `estimated` says whether the UAV has to estimate the queues.
+pub(crate) fn log_page(
     canvas: &Canvas,
     scenario: &Scenario,
     count: usize,
     sizes: &Sizes,
     estimated: Option<Rates>,
+    layers: &str,
 ) -> RecordingStreamResult<()> {
-    canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes, estimated)))?;
-    if let Some(link) = Channel::of(&scenario.link).random_sight() {
-        let page = los_page(scenario, link);
-        canvas.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
-    }
-    Ok(())
+    canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes, estimated, layers)))
 }
 
 /// Text of the legend for estimated queues.
@@ -75,17 +70,14 @@ const BASE_ROWS: &str = "\
 /// Rows of the legend for zones and buildings.
 const ZONE_ROWS: &str = "| grey solid / translucent solid | building / no-fly zone |\n";
 
-/// Row of the legend for batteries of sensor nodes.
-const ENERGY_ROWS: &str = "| ring, brown → light green; cross | energy left in the SN; dead SN |\n";
-
 /// Row of the legend for a map of links.
 const LINK_MAP_ROW: &str = "| ground, dark → pale green | rate expected of the best link from there |\n";
 
 /// Row of the legend for buildings that block links.
 const SHADOW_ROW: &str = "| ground, dark → light | fraction of the SNs in range that see a UAV there: 0 → 100 % |\n";
 
-fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>) -> String {
-    let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
+fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>, layers: &str) -> String {
+    let fixed = || format!("an altitude of {} m", span(scenario.uav_kinds().map(|uav| uav.altitude_m)));
     let link = match Channel::of(&scenario.link).line_of_sight() {
         None => "| green line, dark → pale | served link, by rate: low → high |\n",
         Some(_) => {
@@ -107,8 +99,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         },
         base = if scenario.base.is_some() { BASE_ROWS } else { "" },
         zones = if scenario.area.no_fly.is_some() || scenario.area.building.is_some() { ZONE_ROWS } else { "" },
-        energy = if scenario.sensors.energy.is_some() { ENERGY_ROWS } else { "" },
-        heard = scenario.link.beacon_radius_m.map_or_else(String::new, heard_row),
+        layers = layers,
         shadows = match Channel::of(&scenario.link) {
             Channel::Map(_) => LINK_MAP_ROW,
             channel if channel.buildings().is_some() => SHADOW_ROW,
@@ -117,11 +108,11 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,
-        reach_m = scenario.reach_m(),
+        reach_m = span(scenario.kinds().map(|kind| kind.reach_m())),
         altitude = scenario.uav.climb().map_or_else(fixed, |climb| {
             format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
         }),
-        blocks = scenario.link.resource_blocks,
+        blocks = span(scenario.kinds().map(|kind| kind.link.resource_blocks as f64)),
         radius_m = scenario.link.comm_radius_m,
         readout = readout(scenario),
         unit = unit(sizes),
@@ -135,16 +126,19 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
     )
 }
 
-/// Row of the legend for links that are heard within `radius_m` [m].
-fn heard_row(radius_m: f64) -> String {
-    let [lowest_db, highest_db] = colour::HEARD_DB;
-    format!("| thin line, dim → bright | SNR heard, within {radius_m} m: {lowest_db} → {highest_db} dB |\n")
+/// The least and the greatest of numbers, of which there is one; one of them if they are equal.
+fn span(numbers: impl Iterator<Item = f64>) -> String {
+    let ends = numbers.map(|number| [number; 2]).reduce(|[low, high], [one, _]| [low.min(one), high.max(one)]);
+    match ends {
+        Some([low, high]) if low < high => format!("{low} to {high}"),
+        _ => ends.map_or_else(String::new, |[low, _]| low.to_string()),
+    }
 }
 
 /// What is written at a UAV.
 fn readout(scenario: &Scenario) -> String {
     let first = if scenario.uav.uavs() == 1 { "time since the start" } else { "its number" };
-    let battery = if scenario.uav.battery.is_some() { ", energy in the battery" } else { "" };
+    let battery = if scenario.uav_kinds().any(|uav| uav.battery.is_some()) { ", energy in the battery" } else { "" };
     format!("{first}, altitude, mean speed in the slot{battery}")
 }
 
@@ -155,13 +149,6 @@ fn unit(sizes: &Sizes) -> String {
     } else {
         String::new()
     }
-}
-
-/// The page on line of sight and the altitude of the UAV.
-fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
-    let fixed = if scenario.uav.climb().is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
-    let drawn = if link.correlation_m.is_none() { "drawn anew in each slot" } else { "as it stays for the mission" };
-    format!(include_str!("los.md"), fixed = fixed, drawn = drawn)
 }
 
 /// The colour scales: queue fill and overflow at the left; at the right the link rate, or, among buildings, the
@@ -184,7 +171,7 @@ pub(crate) fn log_scales(
         return log_scale(canvas, "sight", 200, &colour::of_sight, per_cent);
     };
     canvas.log_static(format!("{SCALE}/rate"), &at_the_right)?;
-    let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
+    let rate_bps = |fraction: f64| interpolate(*rates_bps.start(), *rates_bps.end(), fraction);
     let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
     log_scale(canvas, "rate", 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
 }

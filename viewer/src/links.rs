@@ -8,7 +8,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::LineStrips3D;
 use re_sdk_types::components::Radius;
 use skysink_common::channel::{Channel, ChannelModel};
-use skysink_common::message::{FlightReport, HeardLink, LinkReport, Plan};
+use skysink_common::message::{FlightReport, LinkReport, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -26,12 +26,8 @@ const CIRCLES: usize = 5;
 /// The served links.
 pub const LINKS: &str = "world/links";
 
-/// What the UAVs hear of links, a line each, brighter for a higher SNR; only with `link.beacon_radius_m`.
-pub const HEARD: &str = "world/heard";
-
 /// Links and circles of the scene.
 pub(crate) struct Links {
-    has_beacons: bool,
     feet: Vec<Point>,
     radius_m: f32,
     /// Height of the circles.
@@ -64,12 +60,7 @@ impl Links {
                 Some(possible_rates_bps(&channel, scenario, sensors))
             }
         };
-        let has_beacons = scenario.link.beacon_radius_m.is_some();
-        if has_beacons {
-            canvas.log_static(HEARD, &LineStrips3D::update_fields().with_radii([Radius::new_ui_points(0.6)]))?;
-        }
         Ok(Self {
-            has_beacons,
             feet: sensors.positions.iter().map(|position| [position.x as f32, position.y as f32, 0.0]).collect(),
             radius_m: sizes.radius_m,
             circles_z_m: 0.2 * sizes.layer_m,
@@ -88,24 +79,6 @@ impl Links {
         }
         let chosen = plan.and_then(|plan| circles_m.get(plan.chosen as usize)).filter(is_drawn);
         show_circle(canvas, CHOSEN, chosen.map(centre), self.radius_m)
-    }
-
-    /// Shows what the UAVs hear of links, if they do.
-    pub(crate) fn log_heard(
-        &self,
-        canvas: &Canvas,
-        flights: &[FlightReport],
-        heard: &[HeardLink],
-    ) -> RecordingStreamResult<()> {
-        if !self.has_beacons {
-            return Ok(());
-        }
-        let ends = |link: &HeardLink| {
-            let uav = flights.get(link.uav as usize)?;
-            Some(([drawn(uav.position()), *self.feet.get(link.sensor as usize)?], colour::of_snr(link.snr_db)))
-        };
-        let (strips, colours): (Vec<_>, Vec<_>) = heard.iter().filter_map(ends).unzip();
-        canvas.show(HEARD, &LineStrips3D::update_fields().with_strips(strips).with_colors(colours))
     }
 
     /// Shows the links of all flights; clears them without one.

@@ -11,14 +11,16 @@ use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::ledger::Ledger;
 use skysink_common::message::{
-    FLAG_END, FlightReport, HeardLink, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader,
+    FLAG_END, FlightReport, HeardLink, HoldReason, NodeAnswer, PathPoint, Plan, QueuesHeader, SlotHeader,
 };
+use skysink_common::nodes::Answer;
 use skysink_common::pace::Pace;
 use skysink_common::possible::{are_known_links, are_possible_paths};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::slot_record::{ByUav, beacons, uploads};
 use skysink_common::stop::Stop;
+use skysink_common::told::Told;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Health, Ready};
@@ -105,8 +107,8 @@ pub fn run<S: Service + 'static>(
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
-    let energy = scenario.sensors.energy.as_ref().map(|_| SensorList::of(scenario)).transpose()?;
-    let ledger = energy.map(|list| list.ledger(scenario));
+    let list = scenario.node_traits().has_level.then(|| SensorList::of(scenario)).transpose()?;
+    let ledger = list.map(|list| list.ledger(scenario));
     let followed = Follower::open(&ring, scenario, journal, ledger, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
     let closed = scene.close();
@@ -121,7 +123,8 @@ struct Follower<'a, S: Service + 'static> {
     area: &'a Area,
     /// Number of UAVs.
     uavs: usize,
-    /// That of sensor nodes with batteries, whose charges no topic has; `None` without them, and once slots are missed.
+    /// That of sensor nodes with something that runs out, which no topic has; `None` without, and once slots are
+    /// missed.
     ledger: Option<Ledger>,
     /// The slot of the ledger.
     ledger_slot: u64,
@@ -130,6 +133,7 @@ struct Follower<'a, S: Service + 'static> {
     paths: Reader<S, [PathPoint], SlotHeader>,
     plans: Reader<S, [Plan], SlotHeader>,
     links: Option<Reader<S, [HeardLink], SlotHeader>>,
+    answers: Option<Reader<S, [NodeAnswer], SlotHeader>>,
     flights: Reader<S, [FlightReport], SlotHeader>,
     queues: Reader<S, [u32], QueuesHeader>,
     health: Reader<S, Health, SlotHeader>,
@@ -155,6 +159,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     ) -> Result<Self, NodeError> {
         Ok(Self {
             links: ring.links.as_ref().map(|links| links.reader()).transpose()?,
+            answers: ring.answers.as_ref().map(|answers| answers.reader()).transpose()?,
             ledger,
             ledger_slot: 0,
             paths: ring.path.reader()?, // before the plans, so that the path of every received plan is available
@@ -245,11 +250,13 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         let paths = self.paths(wait, slot)?.filter(|_| plan.is_some());
         let plans: ByUav<_> = plan.iter().flat_map(|plans| plans.payload().iter().copied().map(Some)).collect();
         let heard = self.heard(wait, slot, queues.payload().len())?;
-        self.follow_charges(slot, queues.payload(), &flight);
+        let Some(answers) = self.answers(wait, slot, queues.payload().len())? else { return Ok(()) };
+        let told = Told::new(queues.payload(), &answers);
+        self.follow_charges(slot, told, &flight);
         let slots_per_s = self.slots_per_s(header.head);
         self.scene.log_slot(&SlotView {
             slot,
-            queues_bits: queues.payload(),
+            told,
             header,
             plans: &plans,
             paths: paths.as_ref().map_or(&[], |paths| paths.payload()),
@@ -280,19 +287,33 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         Ok(heard.filter(|_| are_known))
     }
 
+    /// What the sensor nodes do after a slot, which was sent before the queues; nothing if all send. `None` if it was
+    /// missed, or has not one answer of each of `sensors`, which is refused.
+    fn answers(&mut self, wait: &mut WaitContext, slot: u64, sensors: usize) -> Result<Option<Vec<Answer>>, NodeError> {
+        let Some(answers) = &mut self.answers else { return Ok(Some(Vec::new())) };
+        let Some(nodes) = read(answers, wait, slot, Some(LEFT_OVERS))? else { return Ok(None) };
+        if nodes.payload().len() != sensors {
+            answers.refuse(slot, Refusal::Length);
+            return Ok(None);
+        }
+        Ok(Some(nodes.payload().iter().filter_map(|node| Answer::from_repr(node.answer)).collect()))
+    }
+
     /// Advances the charges to a slot, as field-sim does, as long as none is missing.
-    fn follow_charges(&mut self, slot: u64, queues_bits: &[u32], flights: &[FlightReport]) {
+    fn follow_charges(&mut self, slot: u64, told: Told<'_>, flights: &[FlightReport]) {
         let Some(ledger) = &mut self.ledger else { return };
         let is_next = slot == self.ledger_slot + 1;
         self.ledger_slot = slot;
         if is_next {
             ledger.sample(slot);
-            for link in uploads(flights).filter(|link| (link.sensor as usize) < queues_bits.len()) {
+            for link in uploads(flights).filter(|link| (link.sensor as usize) < told.queues_bits.len()) {
                 let _ = ledger.serve(slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
             }
             let _ = ledger.end_slot(slot, &beacons(flights).collect::<Vec<_>>());
         }
-        if !is_next && slot > 0 || *ledger.told_bits() != *queues_bits {
+        let mut answers = Vec::new();
+        ledger.fill_answers(&mut answers);
+        if !is_next && slot > 0 || Told::new(ledger.queues_bits(), &answers) != told {
             self.ledger = None;
         }
     }

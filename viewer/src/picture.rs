@@ -11,12 +11,12 @@ use skysink_common::sensors::Sensors;
 use crate::belief::BeliefMaps;
 use crate::canvas::Canvas;
 use crate::curves::Curves;
-use crate::energy::NodeEnergy;
 use crate::events::Events;
 use crate::geo::GeoMap;
 use crate::history::{SensorHistory, Sums};
+use crate::layer::LayerSetup;
+use crate::layers::{self, Layers};
 use crate::links::Links;
-use crate::los::Los;
 use crate::maps::{MapFrame, Maps};
 use crate::names::SensorNames;
 use crate::path::Path;
@@ -36,8 +36,7 @@ pub(crate) struct Picture {
     uavs: Vec<UavShape>,
     path: Path,
     links: Links,
-    energy: Option<NodeEnergy>,
-    los: Option<Los>,
+    layers: Layers,
     events: Events,
     curves: Curves,
     history: SensorHistory,
@@ -73,8 +72,7 @@ impl Picture {
         let uavs = (0..scenario.uav.uavs()).map(open).collect::<Result<_, _>>()?;
         let path = Path::open(&canvas, sizes, scenario.uav.uavs(), part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
-        let energy = NodeEnergy::open(&canvas, scenario, sensors, sizes)?;
-        let los = Los::open(&canvas, scenario, sensors, sizes)?;
+        let layers = Layers::open(&canvas, LayerSetup { scenario, sensors, sizes })?;
         let events = Events::open(&canvas, recording, scenario.base.is_some(), scenario.uav.uavs())?;
         let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
         legend::log_scales(&canvas, scenario, links.rates_bps.as_ref())?;
@@ -94,8 +92,7 @@ impl Picture {
             uavs,
             path,
             links,
-            energy,
-            los,
+            layers,
             events,
             curves,
             history,
@@ -117,7 +114,9 @@ impl Picture {
         sizes: &Sizes,
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
-        legend::log_pages(&self.canvas, scenario, sensors.count(), sizes, estimated)?;
+        let rows = layers::legend(scenario);
+        legend::log_page(&self.canvas, scenario, sensors.count(), sizes, estimated, &rows)?;
+        layers::log_pages(&self.canvas, scenario)?;
         link_map::log_each(&self.canvas, scenario, sensors)?;
         self.geo = GeoMap::open(&self.canvas, scenario, sensors, &self.names)?;
         let frame = MapFrame::of(sensors, sizes, &self.names);
@@ -132,14 +131,14 @@ impl Picture {
     /// # Errors
     /// If the slot does not fit the sensor list, or rerun fails.
     pub(crate) fn observe(&mut self, view: &SlotView) -> Result<(), SceneError> {
-        let found = view.queues_bits.len();
+        let found = view.told.queues_bits.len();
         let expected = self.queues.count();
         if found != expected {
             return Err(SceneError::Queues { slot: view.slot, found, expected });
         }
         let belief = self.belief.iter_mut();
-        belief.for_each(|belief| belief.observe(&self.history, view.slot, view.queues_bits, view.flights));
-        self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
+        belief.for_each(|belief| belief.observe(&self.history, view.slot, view.told, view.flights));
+        self.history.add(view.slot, view.told, view.flights.iter().map(|flight| flight.position().xy()));
         self.history.credit(view.flights);
         self.uavs.iter_mut().zip(view.uavs()).for_each(|(uav, row)| uav.observe(row.flight));
         self.geo.iter_mut().for_each(|geo| geo.observe(view.flights));
@@ -170,9 +169,7 @@ impl Picture {
         self.path.log(canvas, view.uavs().map(|row| row.path))?;
         self.links.log_circles(canvas, view.plan())?;
         self.links.log_links(canvas, view.flights)?;
-        self.links.log_heard(canvas, view.flights, view.heard)?;
-        self.energy.iter_mut().try_for_each(|energy| energy.log_slot(canvas, view))?;
-        self.los.iter_mut().try_for_each(|los| los.log_slot(canvas, view.flight()))?;
+        self.layers.log_slot(canvas, view)?;
         let status = status(view, &self.history, &self.names, &self.readout.clock(view.slot));
         canvas.show(events::STATUS, &TextDocument::from_markdown(status))?;
         self.curves.log_slot(canvas, view, fill, missed_slots, self.history.sampled_now_bits())?;
@@ -187,8 +184,7 @@ impl Picture {
         self.path.log(canvas, std::iter::empty())?;
         self.links.log_circles(canvas, None)?;
         self.links.log_links(canvas, &[])?;
-        self.links.log_heard(canvas, &[], &[])?;
-        self.los.iter_mut().try_for_each(|los| los.log_missed(canvas))?;
+        self.layers.log_missed(canvas)?;
         Ok(self.events.log_missed(canvas, first, last)?)
     }
 }

@@ -76,7 +76,8 @@ impl Write for Batches {
                     io::ErrorKind::NotFound => FileChange::Missing.into(), // it was created before
                     _ => error,
                 })?;
-                let file = self.file.insert(WrittenFile::new(&self.path.canonicalize()?, file)); // of a link, its target
+                // Of a link, its target.
+                let file = self.file.insert(WrittenFile::new(&self.path.canonicalize()?, file));
                 file.add_known(&batch);
             }
             Some(file) => file.append(&batch)?,

@@ -97,7 +97,7 @@ impl Scene {
         }
         self.last_slot = Some(view.slot);
         self.last_totals = Some(view.header.totals);
-        if self.recording.is_batch_due(view.queues_bits.len()) {
+        if self.recording.is_batch_due(view.told.queues_bits.len()) {
             self.log_newest(view.slot)?;
             self.recording.send_batch();
         }

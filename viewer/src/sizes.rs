@@ -1,7 +1,7 @@
 //! Sizes of drawn objects, relative to the area, the altitude and the communication radius.
 
 use skysink_common::geometry::Position;
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, UavKeys};
 
 /// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
@@ -54,8 +54,12 @@ impl Sizes {
         let width_m = scenario.area.width_m() as f32;
         let depth_m = scenario.area.height_m() as f32;
         let radius_m = scenario.link.comm_radius_m as f32;
-        let fixed_m = [scenario.uav.altitude_m; 2];
-        let range_m = scenario.uav.climb().map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+        let of_kind = |uav: &UavKeys| {
+            uav.climb().map_or([uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m])
+        };
+        let wider_m =
+            |[low_m, high_m]: [f64; 2], [lowest_m, highest_m]: [f64; 2]| [low_m.min(lowest_m), high_m.max(highest_m)];
+        let range_m = scenario.uav_kinds().map(of_kind).reduce(wider_m).unwrap_or_default();
         let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
         let altitude_m = 0.5 * (lowest_m + highest_m);
         let longer_m = width_m.max(depth_m);

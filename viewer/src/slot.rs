@@ -3,6 +3,7 @@
 use skysink_common::message::{FlightReport, HeardLink, PathPoint, Plan, QueuesHeader};
 use skysink_common::nodes::NodeFeatures;
 use skysink_common::slot_record::{UAV, UavSlot};
+use skysink_common::told::Told;
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -24,8 +25,8 @@ pub enum WallClock {
 pub struct SlotView<'a> {
     /// The slot.
     pub slot: u64,
-    /// Queue of every sensor node after the slot [bit]; [`DEAD`](skysink_common::nodes::DEAD) of a dead one.
-    pub queues_bits: &'a [u32],
+    /// Queue of every sensor node after the slot, and its answer in the next.
+    pub told: Told<'a>,
     /// Bits of the slot and since the start.
     pub header: &'a QueuesHeader,
     /// The plan of each UAV, if it was in time.

@@ -27,8 +27,8 @@ pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNam
     format!(
         "slot {} at {clock}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} \
          delivered)\n\n\
-         **{losers} of {} SNs have lost data**{unseen}, {overflowing} lose some now{next_full}; {:.0} % of the area was in \
-         range",
+         **{losers} of {} SNs have lost data**{unseen}, {overflowing} lose some now{next_full}; {:.0} % of the area \
+         was in range",
         view.slot,
         by_sensor.len(),
         100.0 * history.covered()

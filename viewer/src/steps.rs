@@ -5,6 +5,12 @@ use re_sdk_types::datatypes::AnnotationInfo;
 
 use crate::colour::{self, Rgb};
 
+/// Slack of the highest value that is compared with an edge, relative to it.
+const EDGE_SLACK: f64 = 1e-9;
+
+/// Slack of a full buffer [%].
+const FULL_SLACK_PERCENT: f64 = 1e-9;
+
 /// A stepped colour scale. Step 0 ends at the first edge; the last step starts at the last edge.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Steps {
@@ -39,7 +45,7 @@ impl Steps {
 
     /// Steps of queue fills, in percent of the buffer.
     pub(crate) fn of_fill() -> Self {
-        const EDGES: [f64; 6] = [0.0, 20.0, 40.0, 60.0, 80.0, 100.0 - 1e-9];
+        const EDGES: [f64; 6] = [0.0, 20.0, 40.0, 60.0, 80.0, 100.0 - FULL_SLACK_PERCENT];
         let between = EDGES.windows(2).map(|ends| format!("{} to {:.0} %", ends[0], ends[1]));
         let names = std::iter::once("empty".to_owned()).chain(between).chain(["full".to_owned()]);
         let colour = |step: u32| colour::of_fill(f64::from(step) / EDGES.len() as f64);
@@ -87,7 +93,7 @@ fn round_edges(highest: f64) -> Vec<f64> {
     let top = highest.log10().floor() as i32;
     let decades = (0..).map(|decade| top - decade);
     let descending = decades.flat_map(|power| [5, 2, 1].map(|digit| round_number(digit, power)));
-    let mut edges: Vec<f64> = descending.filter(|&edge| edge <= highest * (1.0 + 1e-9)).take(EDGES).collect();
+    let mut edges: Vec<f64> = descending.filter(|&edge| edge <= highest * (1.0 + EDGE_SLACK)).take(EDGES).collect();
     edges.reverse();
     edges
 }

@@ -47,7 +47,8 @@ pub(crate) fn name_of(first: &str, uav: usize) -> String {
     match (uav, inside) {
         (0, _) => first.to_owned(),
         (_, Some(rest)) => format!("{FLEET}/{uav}{rest}"), // below the frame, with which it moves
-        _ if first == WAYPOINT => format!("{WAYPOINTS}/{uav}"), // not below that of the first, whose frame is where it is
+        // Not below that of the first, whose frame is where it is.
+        _ if first == WAYPOINT => format!("{WAYPOINTS}/{uav}"),
         _ => format!("{first}/{uav}"),
     }
 }

@@ -10,7 +10,6 @@ use re_sdk_types::components::{AlbedoFactor, Colormap, ImageFormat};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel, Rgba32};
 use skysink_common::airspace::Polygon;
 use skysink_common::base::Base;
-use skysink_common::channel::Channel;
 use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::Sensors;
@@ -62,9 +61,10 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
 
 /// Draws the shadows of the buildings among `sensors`; nothing if line of sight does not depend on buildings.
 pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensors) -> RecordingStreamResult<()> {
-    let Some(buildings) = Channel::of(&scenario.link).buildings() else { return Ok(()) };
+    let Some(buildings) = &scenario.link.buildings else { return Ok(()) };
     let share = |at: Position| {
-        let (mut in_range, mut seen) = (0, 0);
+        let mut in_range = 0;
+        let mut seen = 0;
         sensors.grid.visit_within(&at, scenario.link.comm_radius_m, |node| {
             in_range += 1;
             seen += u32::from(buildings.sees(&node.position, &above(&at, scenario.uav.altitude_m)));

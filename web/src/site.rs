@@ -290,7 +290,8 @@ mod tests {
     fn a_file_that_replaces_a_recording_is_not_served() {
         let place = tempfile::tempdir().unwrap();
         let (site, recording) = site(place.path());
-        let (other, folder) = (place.path().join("other"), place.path().join("run"));
+        let other = place.path().join("other");
+        let folder = place.path().join("run");
         fs::rename(&recording, &other).unwrap();
         assert_eq!(status(&site, "/0badcafe/run/mission.rrd"), 404, "nothing");
         symlink(&other, &recording).unwrap();

@@ -38,7 +38,8 @@ mod tests {
 
     #[test]
     fn an_snr_is_that_of_the_drawn_rate() {
-        let (sensor, uav) = (Position::origin(), Point3::new(40.0, 0.0, 30.0));
+        let sensor = Position::origin();
+        let uav = Point3::new(40.0, 0.0, 30.0);
         let text = "name = 'x'\n[link]\nmodel = 'probabilistic-los'\nlos_correlation_m = 20.0\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let drawn = DrawnChannel::new(Channel::of(&scenario.link), Streams::new(4));

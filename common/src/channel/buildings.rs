@@ -1,13 +1,14 @@
 //! Line of sight among buildings: a link has it exactly if the segment from the sensor node to the UAV meets no
 //! building (decision D16). The planner knows the map.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
 use crate::airspace::Polygon;
 use crate::geometry::Position;
 use crate::keys::Only;
+use crate::shared::SharedValues;
 
 /// Keys of the model `buildings`.
 pub(crate) const ONLY: Only =
@@ -28,18 +29,11 @@ impl Buildings {
         Self { outlines: outlines.collect(), sensors_height_m }
     }
 
-    /// Holds the buildings for the rest of the process, so that a channel is copied as a number. Equal ones are held
-    /// once.
+    /// The buildings as a channel holds them: equal ones are held once.
     #[must_use]
-    pub fn held(self) -> &'static Self {
-        static HELD: Mutex<Vec<&'static Buildings>> = Mutex::new(Vec::new());
-        let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = held.iter().copied().find(|known| **known == self);
-        known.unwrap_or_else(|| {
-            let buildings: &'static Self = Box::leak(Box::new(self));
-            held.push(buildings);
-            buildings
-        })
+    pub fn shared(self) -> Arc<Self> {
+        static ALL: SharedValues<Buildings> = SharedValues::new();
+        ALL.share(self, Self::eq)
     }
 
     /// Height of the sensor nodes [m].

@@ -5,10 +5,11 @@
 //! `g = 10^(σ n/10)` (log-normal shadowing), which has the median 1. Expected rates come from a table of
 //! `E[log2(1 + γ g)]` over `ln γ`: the planner never uses the rate of the mean.
 
+use std::collections::VecDeque;
 use std::f64::consts::{LN_10, LOG2_E};
 use std::fmt;
 use std::ops::RangeInclusive;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
@@ -50,11 +51,16 @@ const LAST_NODE: usize = 44 * 16;
 const LARGE: f64 = 500.0;
 /// Steps in a mean over draws.
 const STEPS: usize = 2_048;
+/// Probability that the quadrature of the steps may have missed.
+const QUADRATURE_MARGIN: f64 = 1e-9;
+
+/// Tables that are kept, the newest ones: each takes thousands of integrals, and many channels have the same law.
+const MOST_TABLES: usize = 64;
 
 /// A law of fading.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct Fading {
-    table: &'static Table,
+    table: Arc<Table>,
 }
 
 impl PartialEq for Fading {
@@ -145,7 +151,8 @@ impl Law {
             return (0..=nodes).map(|node| [self.gain(number(node)), self.density(number(node)) * step]).collect();
         };
         let [_, spread] = Self::amplitudes(k);
-        let (first, last) = (lowest.max(1e-9).ln(), highest.ln());
+        let first = lowest.max(1e-9).ln();
+        let last = highest.ln();
         let nodes = ((last - first) / (spread / 8.0).min(1.0 / 32.0)).ceil();
         let step = (last - first) / nodes;
         let weighted = |node: u32| {
@@ -170,14 +177,14 @@ impl Fading {
     }
 
     fn of(law: Law) -> Self {
-        static TABLES: Mutex<Vec<&'static Table>> = Mutex::new(Vec::new());
+        static TABLES: Mutex<VecDeque<Arc<Table>>> = Mutex::new(VecDeque::new());
         let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = tables.iter().copied().find(|table| table.law == law);
-        let table = known.unwrap_or_else(|| {
-            let table: &'static Table = Box::leak(Box::new(Table::new(law))); // one for each law of a process
-            tables.push(table);
-            table
-        });
+        if let Some(table) = tables.iter().find(|table| table.law == law) {
+            return Self { table: Arc::clone(table) };
+        }
+        let table = Arc::new(Table::new(law));
+        tables.truncate(MOST_TABLES - 1);
+        tables.push_front(Arc::clone(&table));
         Self { table }
     }
 
@@ -240,7 +247,7 @@ impl Table {
         };
         let mut steps: Vec<[f64; 2]> = (0..STEPS).map(|step| [probability(step), law.gain(end(step + 1))]).collect();
         let left = 1.0 - steps.iter().map(|[probability, _]| probability).sum::<f64>();
-        steps.push([left.max(0.0) + 1e-9, law.gain(law.highest().max(end(STEPS)))]);
+        steps.push([left.max(0.0) + QUADRATURE_MARGIN, law.gain(law.highest().max(end(STEPS)))]);
         steps
     }
 
@@ -258,7 +265,9 @@ impl Table {
         }
         let x = place - node as f64;
         let [[from, slope_from], [to, slope_to]] = [self.deficits[node], self.deficits[node + 1]];
-        let (rise, low, high) = (to - from, slope_from / NODES_PER_LN, slope_to / NODES_PER_LN);
+        let rise = to - from;
+        let low = slope_from / NODES_PER_LN;
+        let high = slope_to / NODES_PER_LN;
         let square = 3.0 * rise - 2.0 * low - high;
         let cube = low + high - 2.0 * rise;
         [from + x * (low + x * (square + x * cube)), (low + x * (2.0 * square + 3.0 * x * cube)) * NODES_PER_LN]
@@ -414,7 +423,8 @@ mod tests {
             let [first, second] = [mean(&db), mean(&|gain| db(gain).powi(2))];
             assert!(first.abs() < 4e-3 * sigma_db && (second.sqrt() / sigma_db - 1.0).abs() < 3e-3, "{first} {second}");
             for snr in [0.01, 1.0, 30.0, 1e6] {
-                let (drawn, table) = (mean(&|gain| (1.0 + snr * gain).log2()), shadowing.mean(snr));
+                let drawn = mean(&|gain| (1.0 + snr * gain).log2());
+                let table = shadowing.mean(snr);
                 assert!((drawn / table - 1.0).abs() < 0.02, "{sigma_db} dB, {snr}: {drawn}, not {table}");
                 let numeric = (shadowing.mean(snr * 1.000_1) - shadowing.mean(snr / 1.000_1)) / (2.0 * 1.000_1f64.ln());
                 assert!((shadowing.slope(snr) - numeric).abs() < 1e-5 * table.max(1.0), "{sigma_db} dB, {snr}");

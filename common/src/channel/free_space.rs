@@ -8,6 +8,7 @@ use strum::VariantNames;
 
 use super::fading::Fading;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
+use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 use crate::units::ratio_of_db;
@@ -37,7 +38,7 @@ const GAIN_STEPS: [u32; 2] = [1 << 14, 1 << 7];
 const COARSE: usize = 8;
 
 /// The parameters of a free-space uplink.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FreeSpace {
     /// Bandwidth of a resource block, `W` [Hz].
     pub bandwidth_hz: f64,
@@ -82,7 +83,7 @@ impl ChannelModel for FreeSpace {
     /// The rate, or its mean over the fading.
     #[inline]
     fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
-        let Some(fading) = self.fading else { return self.rate_bps(uplink) };
+        let Some(fading) = &self.fading else { return self.rate_bps(uplink) };
         let snr = self.reference_snr(uplink.gain) / (uplink.z_m * uplink.z_m + uplink.d2_m2);
         self.bandwidth_hz * fading.mean(snr)
     }
@@ -93,7 +94,7 @@ impl ChannelModel for FreeSpace {
     fn slopes(&self, uplink: &Uplink) -> Slopes {
         let snr = self.reference_snr(uplink.gain);
         let x_m2 = uplink.z_m * uplink.z_m + uplink.d2_m2;
-        if let Some(fading) = self.fading {
+        if let Some(fading) = &self.fading {
             let by_distance2 = -(self.bandwidth_hz * fading.slope(snr / x_m2) / x_m2);
             return Slopes { by_distance2, by_elevation: 0.0 };
         }
@@ -108,14 +109,14 @@ impl ChannelModel for FreeSpace {
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
         let drawn_gain = |range_db| ratio_of_db(draw_gain_db(range_db, streams, slot, sensor));
         let mut gain = self.redrawn_db.map_or(uplink.gain, drawn_gain);
-        if let Some(fading) = self.fading {
+        if let Some(fading) = &self.fading {
             gain *= fading.draw(streams, slot, sensor);
         }
         Draw { line_of_sight: true, rate_bps: self.rate_bps(&Uplink { gain, ..*uplink }) }
     }
 
     fn best_rate_bps(&self, uplink: &Uplink) -> f64 {
-        let power_gain = self.fading.map_or(1.0, |fading| fading.highest());
+        let power_gain = self.fading.as_ref().map_or(1.0, Fading::highest);
         let redrawn_bps = self.redrawn_db.map(|[_, highest_db]| self.rate_at_gain_bps(uplink, highest_db, power_gain));
         redrawn_bps.unwrap_or_else(|| self.rate_bps(&Self::faded(uplink, power_gain)))
     }
@@ -127,7 +128,7 @@ impl ChannelModel for FreeSpace {
     /// The mean over gains that are uniform in dB, and over fading: the value at the upper end of each of many steps.
     fn mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
         let Some([lowest_db, highest_db]) = self.redrawn_db else {
-            let Some(fading) = self.fading else { return value(self.rate_bps(uplink)) };
+            let Some(fading) = &self.fading else { return value(self.rate_bps(uplink)) };
             return fading.mean_of(1, |power_gain| value(self.rate_bps(&Self::faded(uplink, power_gain))));
         };
         let steps = GAIN_STEPS[usize::from(self.fading.is_some())];
@@ -135,13 +136,13 @@ impl ChannelModel for FreeSpace {
         let at = |step: u32| {
             let gain_db = lowest_db + step_db * f64::from(step);
             let faded = |power_gain: f64| value(self.rate_at_gain_bps(uplink, gain_db, power_gain));
-            self.fading.map_or_else(|| faded(1.0), |fading| fading.mean_of(COARSE, faded))
+            self.fading.as_ref().map_or_else(|| faded(1.0), |fading| fading.mean_of(COARSE, faded))
         };
         (1..=steps).map(at).sum::<f64>() / f64::from(steps)
     }
 
-    fn fading(&self) -> Option<Fading> {
-        self.fading
+    fn fading(&self) -> Option<&Fading> {
+        self.fading.as_ref()
     }
 
     fn drawn_gains(&self) -> Option<[f64; 2]> {
@@ -153,7 +154,7 @@ impl ChannelModel for FreeSpace {
 #[must_use]
 pub fn draw_gain_db([lowest_db, highest_db]: [f64; 2], streams: &Streams, slot: u64, sensor: u32) -> f64 {
     let fraction: f64 = streams.stream(Purpose::Gain, slot, sensor).random();
-    lowest_db + (highest_db - lowest_db) * fraction
+    interpolate(lowest_db, highest_db, fraction)
 }
 
 #[cfg(test)]

@@ -166,14 +166,16 @@ mod tests {
             }
         }
         for (sum, (_, _, displaced_m)) in sums.iter().zip(others) {
-            let (found, expected) = (sum / MISSIONS as f64, (-displaced_m / 50.0f64).exp());
+            let found = sum / MISSIONS as f64;
+            let expected = (-displaced_m / 50.0f64).exp();
             assert!((found - expected).abs() < 0.04, "{displaced_m} m: {found}, not {expected}");
         }
     }
 
     #[test]
     fn frozen_links_keep_the_line_of_sight_frequency_and_their_state() {
-        let (sensor, uav) = (Position::new(0.0, 0.0), Point3::new(40.0, 30.0, 30.0));
+        let sensor = Position::new(0.0, 0.0);
+        let uav = Point3::new(40.0, 30.0, 30.0);
         let uplink = Uplink::new(1.0, &sensor, &uav);
         let probability = channel().line_of_sight().unwrap().los_probability(&uplink);
         let mut seen = 0;
@@ -195,8 +197,9 @@ mod tests {
         let text = "name = 'x'\n[link]\nmodel = 'probabilistic-los'\nlos_correlation_m = 0.0\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let channel = Channel::of(&scenario.link);
-        let drawn = DrawnChannel::new(channel, Streams::new(4));
-        let (sensor, uav) = (Position::new(0.0, 0.0), Point3::new(40.0, 0.0, 30.0));
+        let drawn = DrawnChannel::new(channel.clone(), Streams::new(4));
+        let sensor = Position::new(0.0, 0.0);
+        let uav = Point3::new(40.0, 0.0, 30.0);
         let uplink = Uplink::new(1.0, &sensor, &uav);
         for slot in 1..200 {
             assert_eq!(drawn.draw(&uplink, &sensor, &uav, slot, 3), channel.draw(&uplink, &Streams::new(4), slot, 3));

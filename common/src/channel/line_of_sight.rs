@@ -5,6 +5,7 @@
 //! knows.
 
 use std::f64::consts::LOG2_E;
+use std::sync::Arc;
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -14,6 +15,7 @@ use super::buildings::Buildings;
 use super::fading::Fading;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::geometry::elevation_deg;
+use crate::interpolation::interpolate;
 use crate::keys::{Accepts, FINITE, Key, Only, POSITIVE};
 use crate::random::{Purpose, Streams};
 
@@ -103,16 +105,16 @@ impl Environment {
 }
 
 /// What decides on line of sight.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Sight {
     /// A draw, with a probability over the elevation angle.
     Curve(LosCurve),
     /// A map.
-    Buildings(&'static Buildings),
+    Buildings(Arc<Buildings>),
 }
 
 /// The parameters of an uplink that is in or out of line of sight.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct LineOfSight {
     /// Bandwidth of a resource block, `W` [Hz].
     pub bandwidth_hz: f64,
@@ -146,8 +148,8 @@ impl LineOfSight {
     }
 
     /// The map of buildings; `None` if line of sight is drawn.
-    pub fn buildings(&self) -> Option<&'static Buildings> {
-        match self.sight {
+    pub fn buildings(&self) -> Option<&Buildings> {
+        match &self.sight {
             Sight::Curve(_) => None,
             Sight::Buildings(buildings) => Some(buildings),
         }
@@ -162,8 +164,8 @@ impl LineOfSight {
     }
 
     /// The fading in and out of line of sight.
-    fn fadings(&self) -> [Option<Fading>; 2] {
-        self.shadowing.map_or([self.fading; 2], |shadowing| shadowing.map(Some))
+    fn fadings(&self) -> [Option<&Fading>; 2] {
+        self.shadowing.as_ref().map_or([self.fading.as_ref(); 2], |shadowing| shadowing.each_ref().map(Some))
     }
 
     /// Whether the position decides on line of sight, and not the draw of a slot.
@@ -189,42 +191,50 @@ impl LineOfSight {
         }
     }
 
-    /// This model without fading, and with `power_gains` times the power in and out of line of sight.
-    fn faded(&self, [los, nlos]: [f64; 2]) -> Self {
-        Self { los_snr: self.los_snr * los, nlos_snr: self.nlos_snr * nlos, fading: None, shadowing: None, ..*self }
+    /// The rate [bit/s] in a state, 0 for in line of sight and 1 for out of it, with `power_gain` times the power
+    /// instead of the fading.
+    fn faded_bps(&self, state: usize, power_gain: f64, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
+        let [snr_at_1m, exponent] = match state {
+            0 => [self.los_snr, self.los_exponent],
+            _ => [self.nlos_snr, self.nlos_exponent],
+        };
+        let snr = snr_at_1m * power_gain * (d2_m2 + z_m * z_m).powf(-exponent / 2.0);
+        self.bandwidth_hz * (1.0 + snr).log2()
     }
 
-    /// This model with what `gain` makes of its fading.
-    fn with(&self, gain: impl Fn(Fading) -> f64) -> Self {
-        match (self.fading, self.shadowing) {
-            (None, None) => *self,
-            (Some(fading), None) => self.faded([gain(fading); 2]),
-            (_, Some(shadowing)) => self.faded(shadowing.map(gain)),
+    /// What `gain` makes of the fading in and out of line of sight; 1 without fading.
+    fn power_gains(&self, gain: impl Fn(&Fading) -> f64) -> [f64; 2] {
+        match (&self.fading, &self.shadowing) {
+            (None, None) => [1.0; 2],
+            (Some(fading), None) => [gain(fading); 2],
+            (_, Some(shadowing)) => shadowing.each_ref().map(gain),
         }
     }
 
-    /// This model with the fading of `sensor` in `slot`.
-    fn drawn(&self, streams: &Streams, slot: u64, sensor: u32) -> Self {
-        self.with(|fading| fading.draw(streams, slot, sensor))
+    /// The power gains of `sensor` in `slot`.
+    fn drawn_gains_at(&self, streams: &Streams, slot: u64, sensor: u32) -> [f64; 2] {
+        self.power_gains(|fading| fading.draw(streams, slot, sensor))
+    }
+
+    /// The higher rate [bit/s] of both states with these power gains.
+    fn better_bps(&self, [los, nlos]: [f64; 2], uplink: &Uplink) -> f64 {
+        self.faded_bps(0, los, uplink).max(self.faded_bps(1, nlos, uplink))
     }
 
     /// The link of `sensor` in `slot`: in line of sight if `level`, uniform from 0 to 1, is below the probability.
     pub(super) fn draw_at(&self, uplink: &Uplink, level: f64, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let Uplink { d2_m2, z_m, .. } = *uplink;
-        let drawn = self.drawn(streams, slot, sensor);
-        if level < self.los_probability(uplink) {
-            Draw { line_of_sight: true, rate_bps: drawn.los_rate_bps(d2_m2, z_m) }
-        } else {
-            Draw { line_of_sight: false, rate_bps: drawn.nlos_rate_bps(d2_m2, z_m) }
-        }
+        let line_of_sight = level < self.los_probability(uplink);
+        let state = usize::from(!line_of_sight);
+        let power_gain = self.drawn_gains_at(streams, slot, sensor)[state];
+        Draw { line_of_sight, rate_bps: self.faded_bps(state, power_gain, uplink) }
     }
 
     /// Mean over the fading of `value` of the rate [bit/s] in and out of line of sight.
-    fn means_by_state(&self, &Uplink { d2_m2, z_m, .. }: &Uplink, value: &dyn Fn(f64) -> f64) -> [f64; 2] {
-        let rates_bps: [fn(&Self, f64, f64) -> f64; 2] = [Self::los_rate_bps, Self::nlos_rate_bps];
-        std::array::from_fn(|state| match self.fadings()[state] {
-            None => value(rates_bps[state](self, d2_m2, z_m)),
-            Some(fading) => fading.mean_of(1, |gain| value(rates_bps[state](&self.faded([gain; 2]), d2_m2, z_m))),
+    fn means_by_state(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> [f64; 2] {
+        let fadings = self.fadings();
+        std::array::from_fn(|state| match fadings[state] {
+            None => value(self.faded_bps(state, 1.0, uplink)),
+            Some(fading) => fading.mean_of(1, |gain| value(self.faded_bps(state, gain, uplink))),
         })
     }
 }
@@ -271,7 +281,7 @@ impl ChannelModel for LineOfSight {
 
     /// Whether the link of `sensor` is in line of sight in `slot`, and its rate.
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let level = match self.sight {
+        let level = match &self.sight {
             Sight::Curve(_) => streams.stream(Purpose::LineOfSight, slot, sensor).random(),
             Sight::Buildings(_) => 0.5, // whatever is between the probabilities 0 and 1
         };
@@ -279,9 +289,8 @@ impl ChannelModel for LineOfSight {
     }
 
     /// The rate in line of sight, unless its parameters make it the lower one.
-    fn best_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
-        let best = self.with(|fading| fading.highest());
-        best.los_rate_bps(d2_m2, z_m).max(best.nlos_rate_bps(d2_m2, z_m))
+    fn best_rate_bps(&self, uplink: &Uplink) -> f64 {
+        self.better_bps(self.power_gains(Fading::highest), uplink)
     }
 
     /// The probability of line of sight is not higher where the angle is lower, so a link without it has none there.
@@ -289,14 +298,14 @@ impl ChannelModel for LineOfSight {
     fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
         let Draw { line_of_sight, rate_bps } = self.draw(uplink, streams, slot, sensor);
         let may_see = line_of_sight || self.stays();
-        if may_see { self.drawn(streams, slot, sensor).best_rate_bps(uplink) } else { rate_bps }
+        if may_see { self.better_bps(self.drawn_gains_at(streams, slot, sensor), uplink) } else { rate_bps }
     }
 
     fn mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
         let probability = self.los_probability(uplink);
         let [seen, hidden] = self.means_by_state(uplink, value);
         // In this form the mean of two equal numbers is that number.
-        hidden + probability * (seen - hidden)
+        interpolate(hidden, seen, probability)
     }
 
     /// If the rate in line of sight is the lower one, a link that is never in line of sight is best. Where line of
@@ -304,12 +313,12 @@ impl ChannelModel for LineOfSight {
     fn best_mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
         let [seen, hidden] = self.means_by_state(uplink, value);
         let probability = self.los_probability(uplink);
-        let seen = if self.stays() { seen } else { hidden + probability * (seen - hidden) };
+        let seen = if self.stays() { seen } else { interpolate(hidden, seen, probability) };
         seen.max(hidden)
     }
 
-    fn fading(&self) -> Option<Fading> {
-        self.fading
+    fn fading(&self) -> Option<&Fading> {
+        self.fading.as_ref()
     }
 
     fn depends_on_elevation(&self) -> bool {

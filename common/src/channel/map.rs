@@ -6,7 +6,7 @@ mod steps;
 mod written;
 
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
@@ -18,8 +18,10 @@ use super::table::Step;
 use crate::csv_rows::{grid_axes, read_rows};
 use crate::error::{InputError, read_bytes, read_text};
 use crate::geometry::Position;
+use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams, normal_cdf, normal_pair};
+use crate::shared::SharedValues;
 
 /// Keys of the model `map`.
 pub(crate) const ONLY: Only = Only { key: "model", values: &["map"], expected: Some("it only with model = \"map\"") };
@@ -123,16 +125,16 @@ impl LinkMap {
     ///
     /// # Errors
     /// If a file cannot be read, or is no map.
-    pub fn read(path: &Path, rates: Option<&Path>) -> Result<&'static Self, InputError> {
+    pub fn read(path: &Path, rates: Option<&Path>) -> Result<Arc<Self>, InputError> {
         let steps = match rates {
             Some(rates) => Some(Self::parse_steps(&read_text("channel", rates)?, rates)?),
             None => None,
         };
         if arrays::is_named(path) {
             let map = arrays::read(&read_bytes("channel", path)?, steps);
-            return Ok(map.map_err(|message| InputError::new("channel", path, message))?.held());
+            return Ok(map.map_err(|message| InputError::new("channel", path, message))?.shared());
         }
-        Ok(Self::parse(&read_text("channel", path)?, path, steps)?.held())
+        Ok(Self::parse(&read_text("channel", path)?, path, steps)?.shared())
     }
 
     /// The sensor nodes with a grid of their own, by id or name, and whether there is a grid for all others.
@@ -169,17 +171,11 @@ impl LinkMap {
         [self.grids.len(), self.grids.iter().map(|grid| grid.levels.len()).sum()]
     }
 
-    /// Holds the map for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
+    /// The map as a channel holds it: equal ones are held once.
     #[must_use]
-    pub fn held(self) -> &'static Self {
-        static HELD: Mutex<Vec<&'static LinkMap>> = Mutex::new(Vec::new());
-        let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = held.iter().copied().find(|known| **known == self && known.are_ids == self.are_ids);
-        known.unwrap_or_else(|| {
-            let map: &'static Self = Box::leak(Box::new(self));
-            held.push(map);
-            map
-        })
+    pub fn shared(self) -> Arc<Self> {
+        static ALL: SharedValues<LinkMap> = SharedValues::new();
+        ALL.share(self, |known, map| known == map && known.are_ids == map.are_ids)
     }
 
     /// The grid of the sensor node at `sensor`; `None` if there is none.
@@ -258,7 +254,7 @@ fn between(step: Step, level: impl Fn(usize) -> f64) -> f64 {
     }
     let high = level(step.index + 1);
     let is_link = low.is_finite() && high.is_finite();
-    if is_link { (low + step.fraction * (high - low)).min(low.max(high)) } else { NO_LINK }
+    if is_link { interpolate(low, high, step.fraction).min(low.max(high)) } else { NO_LINK }
 }
 
 /// What a planner takes for the SNR that does not know the map: it falls with the distance.
@@ -278,10 +274,10 @@ impl LinkLaw {
 }
 
 /// The parameters of an uplink of a map.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MapChannel {
     /// The map.
-    pub map: &'static LinkMap,
+    pub map: Arc<LinkMap>,
     /// Standard deviation of the residual of the SNR [dB].
     pub residual_db: f64,
     /// Correlation distance of a residual that stays for the mission [m]; `None` if it is redrawn in every slot.
@@ -325,7 +321,7 @@ impl MapChannel {
     }
 
     /// The steps, if the SNR has a residual.
-    fn drawn_steps(&self) -> Option<&'static [[f64; 2]]> {
+    fn drawn_steps(&self) -> Option<&[[f64; 2]]> {
         self.map.steps.as_deref().filter(|_| self.residual_db > 0.0)
     }
 }

@@ -18,6 +18,7 @@ mod radio_rates;
 mod table;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use enum_dispatch::enum_dispatch;
 use nalgebra::Point3;
@@ -46,7 +47,7 @@ pub const MAX_RESOURCE_BLOCKS: usize = 64;
 
 /// The channel of all uplinks of a mission, one resource block wide.
 #[enum_dispatch(ChannelModel)]
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Channel {
     /// Free space, with one gain per sensor node.
     FreeSpace(FreeSpace),
@@ -191,13 +192,13 @@ crate::keys! {
         also {
             /// The rates of `file`, or of `preset`, which the scenario reads.
             #[serde(skip)]
-            pub table: Option<&'static RateTable>,
+            pub table: Option<Arc<RateTable>>,
             /// The map of `file`, with the model `map`.
             #[serde(skip)]
-            pub map: Option<&'static LinkMap>,
+            pub map: Option<Arc<LinkMap>>,
             /// The buildings of the area, with the model `buildings`.
             #[serde(skip)]
-            pub buildings: Option<&'static Buildings>,
+            pub buildings: Option<Arc<Buildings>>,
         }
     }
 }
@@ -212,7 +213,7 @@ impl Channel {
         let channel = match link.model {
             LinkModel::FreeSpace => link.free_space().map(Self::FreeSpace),
             LinkModel::ProbabilisticLos | LinkModel::Buildings => link.line_of_sight().map(Self::LineOfSight),
-            LinkModel::Table => link.table.map(|table| Self::Table(TableChannel { table, comm_s: link.comm_s })),
+            LinkModel::Table => link.by_table().map(Self::Table),
             LinkModel::Map => link.by_map().map(Self::Map),
         };
         channel.expect("a checked scenario has the keys of its model")
@@ -292,7 +293,7 @@ impl Channel {
 
     /// The buildings that decide on line of sight; `None` for other channels.
     #[inline]
-    pub fn buildings(&self) -> Option<&'static Buildings> {
+    pub fn buildings(&self) -> Option<&Buildings> {
         self.line_of_sight().and_then(LineOfSight::buildings)
     }
 }
@@ -351,11 +352,16 @@ impl LinkBudget {
         self.law_snr_db.map(|snr_db| LinkLaw { snr_db, exponent })
     }
 
+    fn by_table(&self) -> Option<TableChannel> {
+        Some(TableChannel { table: self.table.clone()?, comm_s: self.comm_s })
+    }
+
     fn by_map(&self) -> Option<MapChannel> {
         let residual_m = self.residual_m.filter(|residual_m| *residual_m > 0.0);
         let residual_db = self.residual_db.unwrap_or(0.0);
         let is_observed = self.service == Some(LinkService::Observed);
-        Some(MapChannel { map: self.map?, residual_db, residual_m, is_observed, law: None, comm_s: self.comm_s })
+        let map = self.map.clone()?;
+        Some(MapChannel { map, residual_db, residual_m, is_observed, law: None, comm_s: self.comm_s })
     }
 
     fn free_space(&self) -> Option<FreeSpace> {
@@ -371,8 +377,8 @@ impl LinkBudget {
         Some(LineOfSight {
             bandwidth_hz,
             comm_s,
-            sight: match self.buildings {
-                Some(buildings) => Sight::Buildings(buildings),
+            sight: match &self.buildings {
+                Some(buildings) => Sight::Buildings(Arc::clone(buildings)),
                 None => Sight::Curve(self.los.or_else(|| self.environment.map(Environment::curve))?),
             },
             los_snr,

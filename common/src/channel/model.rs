@@ -108,7 +108,7 @@ pub trait ChannelModel {
     }
 
     /// The fading of the links; `None` if their power does not fade.
-    fn fading(&self) -> Option<Fading> {
+    fn fading(&self) -> Option<&Fading> {
         None
     }
 

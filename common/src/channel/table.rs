@@ -1,17 +1,17 @@
 //! A channel of one's own: the distribution of the rate over distance and altitude, as a table (decision D30).
 
-use std::collections::HashMap;
 use std::path::Path;
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::Arc;
 
 use rand::RngExt;
-use xxhash_rust::xxh3::xxh3_128;
 
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::csv_rows::{grid_axes, read_rows};
 use crate::error::{InputError, read_text};
+use crate::interpolation::interpolate;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
+use crate::shared::SharedValues;
 
 /// The file of the models `table` and `map`.
 pub(crate) const FILE: Only =
@@ -72,7 +72,8 @@ impl RateTable {
         if rates_bps.len() != points || points > MOST_RATES {
             let found = rates_bps.len();
             return Err(format!(
-                "{found} rates: expected {points}, one for each distance, altitude and probability, at most {MOST_RATES}"
+                "{found} rates: expected {points}, one for each distance, altitude and probability, at most \
+                 {MOST_RATES}"
             ));
         }
         if let Some(rate_bps) = rates_bps.iter().find(|rate_bps| !(0.0..=1e300).contains(*rate_bps)) {
@@ -83,8 +84,8 @@ impl RateTable {
             let distance_m = distances_m[point / altitudes_m.len()];
             let altitude_m = altitudes_m[point % altitudes_m.len()];
             return Err(format!(
-                "rate_bps at distance_m = {distance_m}, altitude_m = {altitude_m}: expected rates that do not fall with \
-                 the probability"
+                "rate_bps at distance_m = {distance_m}, altitude_m = {altitude_m}: expected rates that do not fall \
+                 with the probability"
             ));
         }
         let means_bps = by_point().map(|rates_bps| mean(&probabilities, rates_bps)).collect();
@@ -141,12 +142,11 @@ impl RateTable {
         text
     }
 
-    /// Holds the table for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
+    /// The table as a channel holds it: equal ones are held once.
     #[must_use]
-    pub fn held(self) -> &'static Self {
-        static HELD: LazyLock<Mutex<HashMap<u128, &'static RateTable>>> = LazyLock::new(Mutex::default);
-        let key = xxh3_128(self.to_csv().as_bytes());
-        HELD.lock().unwrap_or_else(PoisonError::into_inner).entry(key).or_insert_with(|| Box::leak(Box::new(self)))
+    pub fn shared(self) -> Arc<Self> {
+        static ALL: SharedValues<RateTable> = SharedValues::new();
+        ALL.share(self, Self::eq)
     }
 
     /// Bilinear in distance and altitude, of `value` at the points of the grid.
@@ -204,7 +204,7 @@ impl Step {
 
     fn between(self, value: impl Fn(usize) -> f64) -> f64 {
         let low = value(self.index);
-        if self.fraction == 0.0 { low } else { low + self.fraction * (value(self.index + 1) - low) }
+        if self.fraction == 0.0 { low } else { interpolate(low, value(self.index + 1), self.fraction) }
     }
 
     fn slope(self, values: &[f64], value: impl Fn(usize) -> f64) -> f64 {
@@ -216,10 +216,10 @@ impl Step {
 }
 
 /// The parameters of an uplink of a table.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TableChannel {
     /// The table.
-    pub table: &'static RateTable,
+    pub table: Arc<RateTable>,
     /// Time for communication in a slot, `τ_c` [s].
     pub comm_s: f64,
 }
@@ -302,7 +302,7 @@ mod tests {
     }
 
     fn channel() -> TableChannel {
-        TableChannel { table: table().held(), comm_s: 0.1 }
+        TableChannel { table: table().shared(), comm_s: 0.1 }
     }
 
     fn uplink(d_m: f64, z_m: f64) -> Uplink {
@@ -329,7 +329,8 @@ mod tests {
     fn a_written_table_reads_back_exactly() {
         let text = table().to_csv();
         assert_eq!(RateTable::parse(&text, Path::new("a.csv")).unwrap(), table());
-        assert_eq!(table().held() as *const _, table().held() as *const _, "held once");
+        let table = table().shared();
+        assert!(Arc::ptr_eq(&table, &self::table().shared()), "held once");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 pub mod geojson;
 mod heights;
 pub mod kml;
+pub mod option_value;
 pub mod plausible;
 pub mod projection;
 mod reference;

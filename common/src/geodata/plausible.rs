@@ -24,6 +24,9 @@ const LEAST_OUTLIER_M: f64 = 1e3;
 /// Most sensor nodes times corners for which is checked which nodes a boundary excludes.
 const MOST_CHECKED: usize = 100_000_000;
 
+/// Slack of a coordinate in whole hundredths [0.01].
+const HUNDREDTHS_SLACK: f64 = 1e-6;
+
 /// What a polygon in the area is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PolygonRole {
@@ -78,7 +81,7 @@ pub fn are_degrees(positions: &[[f64; 2]]) -> bool {
 pub fn may_be_degrees(position: &[f64; 2]) -> bool {
     let is_fine = |coordinate: &f64| {
         let hundredths = coordinate * 100.0;
-        (hundredths - hundredths.round()).abs() > 1e-6
+        (hundredths - hundredths.round()).abs() > HUNDREDTHS_SLACK
     };
     is_in_degrees(position) && position.iter().all(is_fine)
 }

@@ -6,6 +6,7 @@
 
 pub mod dotted;
 mod interval;
+pub mod presets;
 mod reader;
 mod setting;
 
@@ -16,7 +17,7 @@ use toml::{Table, Value};
 use crate::error::InputError;
 
 pub use interval::{Interval, WholeInterval};
-pub use reader::{Source, fill, read};
+pub use reader::{OwnKeys, Source, fill, read};
 pub use setting::{Setting, SettingOrigin};
 
 /// Checks a rule between keys: whether it holds, the dotted key that is refused where it does not, and what is expected

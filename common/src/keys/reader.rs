@@ -19,7 +19,35 @@ pub struct Source<'a> {
     pub path: &'a Path,
     /// The settings that replaced its values.
     pub settings: &'a [Setting],
+    /// The keys that a table of a list has instead of those of `[uav]`, if it is read over them.
+    pub own: Option<&'a OwnKeys>,
 }
+
+/// The keys of a table of `[[uav.each]]`, which replace others of the scenario.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OwnKeys {
+    /// Its name, such as `uav.each[2]`.
+    pub name: String,
+    /// The dotted names of the keys that it replaces.
+    pub keys: Vec<String>,
+}
+
+impl OwnKeys {
+    /// Whether the value of the dotted `key`, or one below it, is its own.
+    #[must_use]
+    pub fn has(&self, key: &str) -> bool {
+        self.keys.iter().any(|own| own == key || is_below(key, own) || is_below(own, key))
+    }
+
+    /// The name of the dotted `key` in its table.
+    fn name_of(&self, key: &str) -> String {
+        let inner = key.strip_prefix(UAV).or_else(|| key.rfind('.').map(|dot| &key[dot..]));
+        self.name.clone() + inner.unwrap_or_default()
+    }
+}
+
+/// The table whose keys are replaced, in the names of keys.
+const UAV: &str = "uav";
 
 impl Source<'_> {
     /// The error for the `value` of the dotted `key`.
@@ -35,7 +63,18 @@ impl Source<'_> {
     /// The error for `key`, whose value is described by `found`. It names the setting that the value comes from, or
     /// else the file.
     fn refuse(self, key: &str, found: &str, message: impl Display) -> InputError {
-        let is_from = |setting: &&Setting| key == setting.key || is_below(key, &setting.key);
+        if let Some(own) = self.own {
+            let plain = Self { own: None, ..self };
+            let (named, of) = match own.has(key) {
+                true => (own.name_of(key), String::new()),
+                false if is_below(key, UAV) => (key.to_owned(), format!(" (for {})", own.name)),
+                false => (key.to_owned(), String::new()),
+            };
+            let found = found.replacen(&*quoted(key), &quoted(&named), 1);
+            return plain.refuse(&named, &found, format_args!("{message}{of}"));
+        }
+        let is_in = |rest: &str| rest.is_empty() || rest.starts_with(['.', '[']);
+        let is_from = |setting: &&Setting| key.strip_prefix(&*setting.key).is_some_and(is_in);
         match self.settings.iter().rfind(is_from) {
             Some(setting) if key == setting.key => setting.refusal(message),
             Some(setting) => setting.refusal(format_args!("{found}{message}")),

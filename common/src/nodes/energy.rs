@@ -25,9 +25,6 @@ use crate::queues::blocks;
 use crate::simd::BLOCK;
 use keys::CAPACITY_J;
 
-/// The file of the harvested power in a run folder.
-pub const HARVEST: &str = "harvest.csv";
-
 /// The battery of an SN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeBattery {
@@ -282,15 +279,19 @@ impl Declared for Charges {
         },
     ];
 
-    const FILE: Option<NodeFile> =
-        Some(NodeFile { name: HARVEST, of_keys: |sensors| sensors.energy.as_mut()?.harvest_file.as_mut() });
+    const FILE: Option<NodeFile> = Some(NodeFile {
+        name: "harvest.csv",
+        key: "sensors.energy.harvest_file",
+        of_keys: |sensors| sensors.energy.as_mut()?.harvest_file.as_mut(),
+    });
 
     const UNPLANNED: Option<&'static str> =
         Some("batteries of sensor nodes: deaths, when they are known, but no charges");
 
     fn traits(keys: &NodeKeys<'_>) -> Option<NodeTraits> {
         let _ = keys.sensors.energy.as_ref()?;
-        Some(NodeTraits { may_refuse: true, loses_initial: true, ..NodeTraits::default() })
+        let traits = NodeTraits { may_refuse: true, loses_initial: true, ..NodeTraits::default() };
+        Some(NodeTraits { may_die: true, has_level: true, ..traits })
     }
 
     fn check(keys: &NodeKeys<'_>, rule: Rule<'_>) -> Result<(), InputError> {

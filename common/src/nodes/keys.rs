@@ -9,6 +9,7 @@ use strum::VariantNames;
 use crate::arrivals::{ArrivalKeys, ArrivalModel};
 use crate::channel::LinkBudget;
 use crate::keys::{Accepts, Interval, NOT_NEGATIVE, PATH, POSITIVE, WholeInterval};
+use crate::slack::SLOTS_SLACK;
 
 pub use super::energy::{NodeEnergyKeys, WakeMode};
 
@@ -94,6 +95,6 @@ pub struct NodeKeys<'a> {
 impl NodeKeys<'_> {
     /// The whole slots in `time_s` [s], up to rounding.
     pub fn whole_slots(&self, time_s: f64) -> u64 {
-        (time_s / self.slot_s + 1e-9).floor() as u64 // saturates
+        (time_s / self.slot_s + SLOTS_SLACK).floor() as u64 // saturates
     }
 }

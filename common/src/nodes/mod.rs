@@ -1,14 +1,20 @@
 //! The registry of the features of sensor nodes (SNs): properties that a mission may have or not.
 //!
-//! A feature is a file of this folder, with what it does ([`NodeModel`]) and what a mission says of it ([`Declared`]), a
-//! line of the list in this file, and its key in [`keys`]. The ledger, the list and planners ask the registry.
+//! A feature is a file of this folder, with what it does ([`NodeModel`]) and what a mission says of it ([`Declared`]),
+//! a line of the list in this file, and its keys, those of `[sensors]` in [`keys`]. The ledger, the list and planners
+//! ask the registry.
 
+pub mod arrivals;
 pub mod duty;
 pub mod energy;
 pub mod expiry;
 pub mod keys;
+pub mod ledger;
 mod model;
+pub mod queues;
 mod row;
+pub mod sampling;
+pub mod weights;
 
 use std::ops::Range;
 
@@ -19,7 +25,7 @@ pub use duty::Airtime;
 pub use energy::Charges;
 pub use expiry::Cohorts;
 pub use keys::{NodeKeys, SensorKeys};
-pub use model::{Answer, DEAD, NodeModel, NodeService, SILENT, SlotEnd, held_bits, is_out};
+pub use model::{Answer, NodeModel, NodeService, SlotEnd};
 pub use row::{Declared, NodeColumn, NodeFile, NodeRefusal, NodeSetup, NodeTraits};
 
 use crate::checkpoint::CheckpointError;
@@ -103,6 +109,11 @@ impl NodeRow {
     }
 }
 
+/// The files of all features.
+pub fn files() -> impl Iterator<Item = NodeFile> {
+    NODE_ROWS.into_iter().filter_map(|row| row.file)
+}
+
 /// The columns of all features.
 pub fn columns() -> impl Iterator<Item = &'static NodeColumn> {
     NODE_ROWS.into_iter().flat_map(|row| row.columns)
@@ -164,11 +175,9 @@ impl NodeFeatures {
         self.iter().map(|feature| feature.answer(sensor)).max().unwrap_or_default()
     }
 
-    /// What each of `count` SNs does when it is served in the next slot.
-    pub fn answers(&self, count: usize) -> Vec<Answer> {
-        let mut answers = vec![Answer::Queue; count];
-        self.iter().for_each(|feature| feature.raise(&mut answers));
-        answers
+    /// Raises the `answers` of all SNs, by id, to what they do when they are served in the next slot.
+    pub fn raise(&self, answers: &mut [Answer]) {
+        self.iter().for_each(|feature| feature.raise(answers));
     }
 
     /// What SN `sensor` has left, from 0 to 1; `None` if nothing runs out.

@@ -5,35 +5,20 @@
 use std::ops::Range;
 
 use enum_dispatch::enum_dispatch;
+use serde::{Deserialize, Serialize};
+use strum::{FromRepr, IntoStaticStr};
 
 use crate::checkpoint::CheckpointError;
 use crate::geometry::Position;
 use crate::per_sensor::PerSensor;
 use crate::sampling::Sampling;
 
-/// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
-pub const DEAD: u32 = u32::MAX;
-
-/// Added to the queue of an SN that is silent in the next slot on the topics `queues` and `belief`; queues of missions
-/// in which SNs may refuse are shorter.
-pub const SILENT: u32 = 1 << 31;
-
-/// Whether an SN that is told as `told_bits` cannot be served: it is dead or silent.
-#[inline]
-#[must_use]
-pub fn is_out(told_bits: u32) -> bool {
-    told_bits >= SILENT
-}
-
-/// The queue of an SN that is told as `told_bits` [bit]; 0 of a dead one.
-#[inline]
-#[must_use]
-pub fn held_bits(told_bits: u32) -> u32 {
-    if told_bits == DEAD { 0 } else { told_bits & !SILENT }
-}
-
-/// What an SN does when a UAV serves it in the next slot. Of several features the last of these counts.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+/// What an SN does when a UAV serves it in the next slot, by its number in messages. Of several features the last of
+/// these counts.
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, FromRepr, IntoStaticStr, Serialize, Deserialize,
+)]
+#[strum(serialize_all = "lowercase")]
 #[repr(u8)]
 pub enum Answer {
     /// It sends its queue.
@@ -46,15 +31,11 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// How planners are told the queue of an SN [bit] with this answer.
+    /// Whether it sends its queue.
     #[inline]
     #[must_use]
-    pub fn told_bits(self, queue_bits: u32) -> u32 {
-        match self {
-            Self::Queue => queue_bits,
-            Self::Silent => queue_bits | SILENT,
-            Self::Dead => DEAD,
-        }
+    pub fn sends(self) -> bool {
+        self == Self::Queue
     }
 }
 

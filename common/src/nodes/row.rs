@@ -29,6 +29,8 @@ pub struct NodeColumn {
 pub struct NodeFile {
     /// Its name in a run folder.
     pub name: &'static str,
+    /// The dotted key.
+    pub key: &'static str,
     /// The value of the key.
     pub of_keys: fn(&mut SensorKeys) -> Option<&mut PathBuf>,
 }
@@ -36,18 +38,22 @@ pub struct NodeFile {
 /// What follows from a feature for the whole mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeTraits {
-    /// Whether SNs may not answer: queues are told with [`DEAD`](super::DEAD) and [`SILENT`](super::SILENT).
+    /// Whether SNs may not answer: their [answers](super::Answer) are told beside their queues.
     pub may_refuse: bool,
     /// Whether bits of the initial queues may be lost without an overflow: a loss rate then counts them as sampled
     /// (decisions D33 and D36).
     pub loses_initial: bool,
+    /// Whether SNs may stop sampling for good.
+    pub may_die: bool,
+    /// Whether SNs have something that runs out ([`NodeModel::level`](super::NodeModel::level)).
+    pub has_level: bool,
     /// Slots in which bits are stored; infinite where they do not expire.
     pub lasting_slots: f64,
 }
 
 impl Default for NodeTraits {
     fn default() -> Self {
-        Self { may_refuse: false, loses_initial: false, lasting_slots: f64::INFINITY }
+        Self { may_refuse: false, loses_initial: false, may_die: false, has_level: false, lasting_slots: f64::INFINITY }
     }
 }
 
@@ -58,6 +64,8 @@ impl NodeTraits {
         Self {
             may_refuse: self.may_refuse || other.may_refuse,
             loses_initial: self.loses_initial || other.loses_initial,
+            may_die: self.may_die || other.may_die,
+            has_level: self.has_level || other.has_level,
             lasting_slots: self.lasting_slots.min(other.lasting_slots),
         }
     }

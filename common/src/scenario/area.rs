@@ -8,6 +8,7 @@ use crate::airspace::Polygon;
 use crate::geodata::projection::Origin;
 use crate::geometry::Position;
 use crate::keys::{Accepts, POSITIVE};
+use crate::slack::BORDER_SLACK;
 
 crate::keys! {
     /// `[area]`: the area `[0, width] × [0, height]`, closed.
@@ -117,6 +118,11 @@ impl Area {
     /// Farthest that zones grow where they have many corners [m].
     pub fn simplify_m(&self) -> f64 {
         self.simplify_m.unwrap_or(SIMPLIFY_M)
+    }
+
+    /// How far rounding may put a position over its border, or into a zone [m].
+    pub fn border_slack_m(&self) -> f64 {
+        BORDER_SLACK * self.width_m().max(self.height_m())
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.

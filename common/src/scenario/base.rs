@@ -6,6 +6,11 @@ use serde::{Deserialize, Serialize};
 use super::area::CORNERS;
 use crate::base::Charger;
 use crate::keys::{Accepts, NOT_NEGATIVE, POSITIVE};
+use crate::slack::SLOTS_SLACK;
+
+/// Radii of bases.
+const RADIUS_M: Accepts =
+    Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
 
 crate::keys! {
     /// `[base]`: the disk, or the polygons, in which a UAV lands and charges (decision D9).
@@ -15,10 +20,11 @@ crate::keys! {
         /// Its centre, `[x, y]` [m]; the default is the start of the UAV, and a checked scenario has the key.
         position_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
         /// Its radius [m].
-        radius_m: Option<f64> = 1.0, Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
+        radius_m: Option<f64> = 1.0, RADIUS_M;
         /// Corners of polygons, `[[[x, y], ...], ...]` [m], instead of `position_m` and `radius_m`; a UAV may land in
         /// any of them.
-        areas_m: Option<Vec<Vec<[f64; 2]>>>, Accepts::Rule("a list of polygons, `[[[x, y], [x, y], [x, y], ...], ...]` [m]");
+        areas_m: Option<Vec<Vec<[f64; 2]>>>,
+            Accepts::Rule("a list of polygons, `[[[x, y], [x, y], [x, y], ...], ...]` [m]");
         /// Power of the charger [W]; at 0 a UAV only lands.
         charge_w: f64 = 0.0, NOT_NEGATIVE;
         /// `[[base.site]]`: several bases, each with a charger of its own, instead of the other keys (decision D34).
@@ -43,7 +49,7 @@ crate::keys! {
         /// Centre of a disk, `[x, y]` [m]; required without `area_m`.
         position_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
         /// Its radius [m]; default 1.
-        radius_m: Option<f64>, Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
+        radius_m: Option<f64>, RADIUS_M;
         /// Corners of a polygon, `[[x, y], ...]` [m], instead of `position_m` and `radius_m`.
         area_m: Option<Vec<[f64; 2]>>, CORNERS;
         /// Power of its charger [W]; default 0: a UAV only lands.
@@ -65,14 +71,11 @@ impl SiteKeys {
     pub fn charger(&self, slot_s: f64) -> Charger {
         Charger {
             charge_w: self.charge_w.unwrap_or_default(),
-            swap_slots: self.swap_s.map(|swap_s| (swap_s / slot_s - SLACK_SLOTS).ceil() as u64), // saturates
+            swap_slots: self.swap_s.map(|swap_s| (swap_s / slot_s - SLOTS_SLACK).ceil() as u64), // saturates
             pads: self.pads.unwrap_or(PADS),
         }
     }
 }
-
-/// Slack of a number of slots, so that rounding adds none.
-const SLACK_SLOTS: f64 = 1e-9;
 
 /// Capacities in which the energy of a slot is not lost in rounding.
 const CAPACITY_J: Accepts =

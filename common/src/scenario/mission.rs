@@ -1,6 +1,7 @@
 //! The checked scenario: its keys and tables, and what follows from them.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -8,14 +9,16 @@ use toml::{Table, Value};
 
 use super::area::Area;
 use super::base::BaseKeys;
+use super::each::MixedFleet;
 use super::simplified::SharedZones;
 use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
 use crate::channel::{LinkBudget, LinkModel};
 use crate::error::InputError;
 use crate::geodata::plausible::NamedPolygon;
-use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
-use crate::nodes::{NODE_ROWS, SensorKeys};
+use crate::keys::{self, Accepts, Keys, OwnKeys, POSITIVE, Setting, Source};
+use crate::nodes::{self, NODE_ROWS, SensorKeys};
+use crate::slack::TIME_SLACK;
 
 /// The file of the arrivals in a run folder.
 pub const TRACE: &str = "arrivals.csv";
@@ -25,6 +28,13 @@ pub const CHANNEL: &str = "channel.csv";
 
 /// The rates of the SNRs of a map of links, in the folder of a run.
 pub const RATES: &str = "rates.csv";
+
+/// Whether a run folder keeps under this name a file that its scenario reads besides the sensor list: arrivals, a file
+/// of a feature of the sensor nodes, a channel.
+#[must_use]
+pub fn is_kept_file(name: &str) -> bool {
+    [TRACE, CHANNEL, RATES].contains(&name) || nodes::files().any(|file| file.name == name)
+}
 
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
@@ -92,6 +102,12 @@ crate::keys! {
             /// What was ignored in its files, for messages.
             #[serde(skip)]
             pub notes: Vec<String>,
+            /// The kinds of its UAVs, if they differ; `uav` then has the keys of the first UAV and of the whole fleet.
+            #[serde(skip)]
+            pub fleet: Option<Arc<MixedFleet>>,
+            /// The keys of the first UAV that are those of its own table, for messages.
+            #[serde(skip)]
+            pub own: Option<Arc<OwnKeys>>,
             /// Its simplified zones, once they were asked for.
             #[serde(skip)]
             pub shared_zones: SharedZones,
@@ -137,8 +153,8 @@ crate::keys! {
 /// ```
 impl Scenario {
     /// The origin of its values, for messages.
-    fn source(&self) -> Source<'_> {
-        Source { path: &self.path, settings: &self.settings }
+    pub(super) fn source(&self) -> Source<'_> {
+        Source { path: &self.path, settings: &self.settings, own: self.own.as_deref() }
     }
 
     /// The scenario as a TOML file with all keys.
@@ -146,7 +162,9 @@ impl Scenario {
     /// # Panics
     /// Never: a scenario consists of tables of numbers and strings.
     pub fn to_toml(&self) -> String {
-        toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
+        let text =
+            self.fleet.as_ref().map_or_else(|| toml::to_string(self), |fleet| toml::to_string(&fleet.table(self)));
+        text.expect("a scenario consists of tables of numbers and strings")
     }
 
     /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
@@ -175,7 +193,8 @@ impl Scenario {
             link.rates = link.rates.map(|_| RATES.into());
         }
         let uav = UavKeys { preset: None, ..self.uav.clone() };
-        Self { sensors, link, uav, ..self.clone() }.to_toml()
+        let fleet = self.fleet.as_ref().map(|fleet| Arc::new(fleet.without_presets()));
+        Self { sensors, link, uav, fleet, ..self.clone() }.to_toml()
     }
 
     /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
@@ -224,9 +243,8 @@ impl Scenario {
 
     /// Start of the UAV number `uav` [m].
     pub fn start_of(&self, uav: usize) -> Point3<f64> {
-        let own_m = self.uav.starts_m.as_ref().and_then(|starts_m| starts_m.get(uav)).copied();
-        let [x_m, y_m] = own_m.or(self.uav.start_m).unwrap_or([f64::NAN; 2]);
-        Point3::new(x_m, y_m, self.uav.altitude_m)
+        let [x_m, y_m] = self.own_start_m(uav).unwrap_or([f64::NAN; 2]);
+        Point3::new(x_m, y_m, self.uav_of(uav).altitude_m)
     }
 
     /// The starts of all UAVs [m].
@@ -236,13 +254,14 @@ impl Scenario {
 
     /// The own endurance of the UAV number `uav` [s]; `None` if it has that of all.
     pub fn endurance_s_of(&self, uav: usize) -> Option<f64> {
-        self.uav.endurances_s.as_ref()?.get(uav).copied()
+        let given_s = self.uav.endurances_s.as_ref().and_then(|endurances_s| endurances_s.get(uav)).copied();
+        given_s.or_else(|| self.kind_endurance_s(uav))
     }
 
     /// The last slot that the UAV number `uav` flies in: that of the mission, or where its own endurance ends.
     pub fn slots_of(&self, uav: usize) -> u64 {
         let own =
-            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
+            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + TIME_SLACK)).floor() as u64);
         own.map_or(self.slots, |own| own.min(self.slots))
     }
 
@@ -250,11 +269,12 @@ impl Scenario {
     /// UAV.
     #[must_use]
     pub fn of_uav(&self, uav: usize) -> Self {
-        let mut alone = self.clone();
+        let mut alone = self.with_kind_of(uav);
         if self.uav.uavs() > 1 {
             let start = self.start_of(uav);
             let start_m = Some([start.x, start.y]);
-            alone.uav = UavKeys { count: None, starts_m: None, start_m, endurances_s: None, ..self.uav.clone() };
+            let endurance_s = self.endurance_s_of(uav).unwrap_or(alone.uav.endurance_s);
+            alone.uav = UavKeys { count: None, starts_m: None, start_m, endurances_s: None, endurance_s, ..alone.uav };
             alone.slots = self.slots_of(uav);
             alone.seed = self.seed.wrapping_add(SEED_STEP.wrapping_mul(uav as u64)) & MAX_SEED;
         }

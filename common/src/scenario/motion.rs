@@ -8,6 +8,10 @@ use super::mission::Scenario;
 use crate::airspace::{MAX_CELLS, cells_along};
 use crate::error::InputError;
 use crate::geometry::{Position, within};
+use crate::slack::SLOTS_SLACK;
+
+/// Slack of the middle of a cell, in cells.
+const MIDDLE_SLACK: f64 = 1e-9;
 
 /// Slack of a slot on a grid, which may end beside the middle of its move.
 const GRID_SLACK: f64 = 1e-8;
@@ -130,7 +134,7 @@ pub(super) fn check_moves(
     rule(uav.climb().is_none(), "uav.altitude", "\"fixed\" with moves = \"grid\"")?;
     let is_middle = |(at_m, count): (f64, u64)| {
         let index = at_m / cell_m - 0.5;
-        (index - index.round()).abs() <= 1e-9 && (0.0..count as f64).contains(&index.round())
+        (index - index.round()).abs() <= MIDDLE_SLACK && (0.0..count as f64).contains(&index.round())
     };
     let is_cell = |start: Point3<f64>| [(start.x, columns), (start.y, rows)].into_iter().all(is_middle);
     let expected = format!("the middle of a cell of {cell_m} m, as (0.5, 1.5, ...) × {cell_m} m");
@@ -141,7 +145,7 @@ pub(super) fn check_moves(
 
 /// Slots of a move over a cell, with up to `hop_m` [m] in each.
 fn slots_of_move(cell_m: f64, hop_m: f64) -> f64 {
-    (cell_m / hop_m - 1e-9).ceil().max(1.0)
+    (cell_m / hop_m - SLOTS_SLACK).ceil().max(1.0)
 }
 
 #[cfg(test)]

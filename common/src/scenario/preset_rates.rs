@@ -1,6 +1,8 @@
 //! The rates of the radio that a scenario names (decision D38).
 
-use super::Scenario;
+use std::sync::Arc;
+
+use super::{Scenario, UavKeys};
 use crate::channel::{LinkModel, PathLoss, RateTable};
 use crate::error::InputError;
 use crate::presets::radios::RADIOS;
@@ -12,7 +14,7 @@ const ALTITUDES: u32 = 5;
 ///
 /// # Errors
 /// If the radio does not reach the ground from there.
-pub(crate) fn rates(scenario: &Scenario) -> Result<Option<(&'static RateTable, f64)>, InputError> {
+pub(crate) fn rates(scenario: &Scenario) -> Result<Option<(Arc<RateTable>, f64)>, InputError> {
     let link = &scenario.link;
     let named = link.preset.as_ref().filter(|_| link.model == LinkModel::Table);
     let radio = named.and_then(|name| RADIOS.iter().find(|radio| radio.name == name));
@@ -31,19 +33,27 @@ pub(crate) fn rates(scenario: &Scenario) -> Result<Option<(&'static RateTable, f
         );
         return Err(scenario.refusal("link.preset", &radio.name.into(), &expected));
     };
-    Ok(Some((radio.table(&loss, &altitudes_m).held(), radius_m)))
+    Ok(Some((radio.table(&loss, &altitudes_m).shared(), radius_m)))
 }
 
-/// The altitudes of a table for the UAV of `scenario` [m].
+/// The altitudes of a table for the UAVs of `scenario` [m], ascending.
 fn altitudes_m(scenario: &Scenario) -> Vec<f64> {
-    match scenario.uav.climb() {
+    let mut all_m: Vec<f64> = scenario.uav_kinds().flat_map(altitudes_of).collect();
+    all_m.sort_by(f64::total_cmp);
+    all_m.dedup();
+    all_m
+}
+
+/// The altitudes of a table for a UAV [m].
+fn altitudes_of(uav: &UavKeys) -> Vec<f64> {
+    match uav.climb() {
         Some(climb) if climb.min_altitude_m < climb.max_altitude_m => {
             let height_m = climb.max_altitude_m - climb.min_altitude_m;
             let level_m = |level: u32| climb.min_altitude_m + height_m * f64::from(level) / f64::from(ALTITUDES - 1);
             (0..ALTITUDES).map(level_m).collect()
         }
         Some(climb) => vec![climb.min_altitude_m],
-        None => vec![scenario.uav.altitude_m],
+        None => vec![uav.altitude_m],
     }
 }
 

@@ -16,10 +16,14 @@ use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
-use crate::keys::{self, Keys, Only};
+use crate::keys::{self, Keys, Only, Rule, Source};
+use crate::nodes::NODE_ROWS;
 use crate::nodes::keys::MAX_FIELD_BITS;
-use crate::nodes::{NODE_ROWS, SILENT};
 use crate::presets;
+use crate::slack::TIME_SLACK;
+
+/// Slack of a probability that has to be 1.
+const CERTAIN_SLACK: f64 = 1e-9;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
 pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
@@ -30,20 +34,36 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         _ => Ok(()),
     };
 
-    for forms in FORMS {
-        let [one, other] = forms.forms;
-        let is_other_given = other.iter().any(|key| is_given(key));
-        one.iter().try_for_each(|key| rule(!is_other_given, key, forms.expected))?;
+    check_forms(file, scenario.source())?;
+    check_pairs(&is_given, &rule)?;
+    check_sensors(scenario, &rule)?;
+    check_uav(scenario, &rule)?;
+    zones::check(scenario)?;
+    check_channel(scenario, &rule)?;
+    for (key, only) in conditional() {
+        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
+        let holds = other.is_some_and(|other| only.values.contains(&other));
+        if let Some(expected) = only.expected {
+            rule(holds, &key, expected)?;
+        }
     }
+    check_contact(scenario, &rule)
+}
+
+/// Checks that keys that belong together are.
+fn check_pairs(is_given: &dyn Fn(&str) -> bool, rule: Rule<'_>) -> Result<(), InputError> {
     rule(is_given("area.height_m"), "area.width_m", "width_m and height_m together, or side_m")?;
     rule(is_given("area.width_m"), "area.height_m", "width_m and height_m together, or side_m")?;
     for (key, other) in [("area.origin_lat_deg", "area.origin_lon_deg"), ("area.origin_lon_deg", "area.origin_lat_deg")]
     {
         rule(is_given(other), key, "origin_lat_deg and origin_lon_deg together")?;
     }
+    Ok(())
+}
 
-    let Scenario { area, sensors, uav, link, .. } = scenario;
-    let flight_s = scenario.slots as f64 * scenario.slot_s;
+/// Checks what the sensor nodes sample, and their features.
+fn check_sensors(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let sensors = &scenario.sensors;
     let sampled_bits = sensors.sampling_bps.ends()[1] * scenario.slot_s * scenario.slots as f64;
     rule(sampled_bits <= MAX_SAMPLED_BITS, "sensors.sampling_bps", "at most 9e15 bits over the mission")?;
     let field_bits = sensors.count.map_or(1.0, f64::from) * sampled_bits;
@@ -59,42 +79,40 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(time_s.is_none_or(|time_s| time_s >= scenario.slot_s), key, &expected)?;
     }
     let node_keys = scenario.node_keys();
-    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, &rule))?;
-    let is_told = !node_keys.traits().may_refuse || sensors.capacity_bits.ends()[1] < SILENT - 1;
-    rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
+    NODE_ROWS.iter().try_for_each(|row| (row.check)(&node_keys, rule))?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
-    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;
+    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)
+}
 
+/// Checks the flights of the UAVs, their starts and the base.
+fn check_uav(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { area, uav, link, .. } = scenario;
+    let flight_s = scenario.slots as f64 * scenario.slot_s;
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
-    rule(flight_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
+    let is_own = scenario.must_land() && scenario.own.as_ref().is_some_and(|own| own.has("uav.endurance_s"));
+    let least_s = if is_own { scenario.slot_s } else { flight_s };
+    rule(least_s <= uav.endurance_s * (1.0 + TIME_SLACK), "uav.endurance_s", &expected)?;
     let wind_mps = scenario.wind_mps().norm();
     let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
-    let is_in_area = |start: Point3<f64>| area.contains(&start.xy(), 0.0);
     rule(uav.start_m.is_none_or(|start_m| area.contains(&start_m.into(), 0.0)), "uav.start_m", &expected)?;
-    let starts_m = uav.starts_m.as_ref().map_or(uav.uavs(), Vec::len);
-    let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
-    let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
-    rule(are_starts, "uav.starts_m", &expected_starts)?;
-    let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
-        let is_time = |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + 1e-12) >= scenario.slot_s;
-        uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
-    });
-    let expected =
-        format!("{} times of at least a slot, one for each of several UAVs, and must_land = true", uav.uavs());
-    rule(are_times, "uav.endurances_s", &expected)?;
+    check_lists(scenario, rule)?;
     if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
     }
     let has_own = scenario.base.as_ref().is_some_and(|base| base.site.is_some() && base.charge_w > 0.0);
     rule(!has_own, "base.charge_w", "none beside [[base.site]], whose tables have their own")?;
-    check_moves(scenario, &rule)?;
+    check_moves(scenario, rule)?;
     let is_within = uav.waypoint_margin_m.is_none_or(|margin_m| margin_m < link.comm_radius_m);
-    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")?;
-    zones::check(scenario)?;
+    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")
+}
+
+/// Checks the channel model, and the altitudes at which it matters.
+fn check_channel(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { sensors, uav, link, .. } = scenario;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
     let is_map = link.model == LinkModel::Map;
@@ -119,22 +137,59 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         let is_in_range = (min_altitude_m..=max_altitude_m).contains(&uav.altitude_m);
         rule(is_in_range, "uav.altitude_m", &format!("a start from {min_altitude_m} to {max_altitude_m} m"))?;
     }
+    Ok(())
+}
 
-    for (key, only) in conditional() {
-        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
-        let holds = other.is_some_and(|other| only.values.contains(&other));
-        if let Some(expected) = only.expected {
-            rule(holds, &key, expected)?;
-        }
-    }
+/// Checks the probability of line of sight and the times of a contact.
+fn check_contact(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let link = &scenario.link;
     if let Some(LosCurve::Logistic { b3, b4, .. }) = link.los {
-        rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
+        rule((b3 + b4 - 1.0).abs() < CERTAIN_SLACK, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
     rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)?;
     let advice = if link.preset.is_some() { ", or setup_s = 0 beside the preset" } else { "" };
     let expected = format!("less than link.comm_s, {} s{advice}", link.comm_s);
     rule(link.setup_s.is_none_or(|setup_s| setup_s < link.comm_s), "link.setup_s", &expected)
+}
+
+/// Checks that `file` has no two forms of the same.
+pub(crate) fn check_forms(file: &Table, source: Source) -> Result<(), InputError> {
+    for Forms { forms: [one, other], expected } in FORMS {
+        let is_other_given = other.iter().any(|key| value(file, key).is_some());
+        let given = one.iter().filter(|_| is_other_given).find_map(|key| Some((key, value(file, key)?)));
+        if let Some((key, value)) = given {
+            return Err(source.refusal(key, value, expected));
+        }
+    }
+    Ok(())
+}
+
+/// Checks the keys with a value for each UAV of `scenario`, which was read from `file`.
+pub(crate) fn check_fleet(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
+    let source = Source { own: None, ..scenario.source() };
+    check_lists(scenario, &|holds, key, expected| match value(file, key) {
+        Some(value) if !holds => Err(source.refusal(key, value, expected)),
+        _ => Ok(()),
+    })
+}
+
+/// Checks the keys with a value for each UAV.
+fn check_lists(scenario: &Scenario, rule: Rule<'_>) -> Result<(), InputError> {
+    let Scenario { area, uav, .. } = scenario;
+    let is_in_area = |start: Point3<f64>| area.contains(&start.xy(), 0.0);
+    let starts_m = uav.starts_m.as_ref().map_or(uav.uavs(), Vec::len);
+    let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
+    let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
+    rule(are_starts, "uav.starts_m", &expected_starts)?;
+    let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
+        let is_time =
+            |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
+        uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
+    });
+    let expected =
+        format!("{} times of at least a slot, one for each of several UAVs, and must_land = true", uav.uavs());
+    rule(are_times, "uav.endurances_s", &expected)
 }
 
 /// Two alternative forms: the keys of each, and what is expected if both are present.
@@ -144,7 +199,7 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 9] = [
+const FORMS: [Forms; 10] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
@@ -159,6 +214,10 @@ const FORMS: [Forms; 9] = [
     },
     Forms { forms: [&presets::OF_RADIO, &["link.file"]], expected: "either preset or file, not both" },
     Forms { forms: [&["uav.track"], &["uav.waypoints_m"]], expected: "either track or waypoints_m, not both" },
+    Forms {
+        forms: [&["uav.count", "uav.track", "uav.waypoints_m"], &["uav.each"]],
+        expected: "either [[uav.each]], or count, or a fixed flight of one UAV",
+    },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
     Forms {
         forms: [&["link.noise_dbm"], &["link.noise_dbm_per_hz"]],

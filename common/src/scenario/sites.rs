@@ -7,6 +7,7 @@ use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
 use crate::base::{Base, BaseArea, BaseSite};
 use crate::error::InputError;
 use crate::geometry::Position;
+use crate::slack::TIME_SLACK;
 
 /// The base with these sites. A site without a shape is left out; a checked scenario has no such.
 pub(super) fn base(scenario: &Scenario, sites: &[SiteKeys]) -> Base {
@@ -81,7 +82,7 @@ fn check_keys(scenario: &Scenario, index: usize, site: &SiteKeys) -> Result<(), 
     if let Some(charge_w) = site.charge_w {
         return refuse("charge_w", charge_w.into(), "either charge_w or swap_s, not both");
     }
-    let is_slot = swap_s * (1.0 + 1e-12) >= scenario.slot_s;
+    let is_slot = swap_s * (1.0 + TIME_SLACK) >= scenario.slot_s;
     let expected = format!("at least the slot's {} s", scenario.slot_s);
     if is_slot { Ok(()) } else { refuse("swap_s", swap_s.into(), &expected) }
 }

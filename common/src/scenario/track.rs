@@ -8,12 +8,14 @@ use toml::Value;
 use super::mission::Scenario;
 use super::uav::Climb;
 use crate::error::{InputError, line_of, quoted, read_text};
+use crate::interpolation::interpolate;
+use crate::slack::ALTITUDE_SLACK;
 
 /// Most slots of a mission with a track: each has its waypoint in the scenario of the run.
 pub const MOST_TRACK_SLOTS: u64 = 1_000_000;
 
-/// Slack of altitudes and times against rounding, relative to them.
-const ROUNDING: f64 = 1e-9;
+/// Slack of the end of a track, relative to that of the mission.
+const END_SLACK: f64 = 1e-9;
 
 /// The keys of a fixed flight.
 const KEYS: [&str; 2] = ["uav.track", "uav.waypoints_m"];
@@ -39,8 +41,8 @@ struct TrackRows {
     lines: Vec<u64>,
 }
 
-/// Replaces the file `uav.track`, or its text that is `held` instead, by `uav.waypoints_m`, and starts where it starts if
-/// there is no other start.
+/// Replaces the file `uav.track`, or its text that is `held` instead, by `uav.waypoints_m`, and starts where it starts
+/// if there is no other start.
 ///
 /// # Errors
 /// If the file has an invalid row, or ends before the mission.
@@ -57,7 +59,7 @@ pub(super) fn read_file(scenario: &mut Scenario, held: Option<String>) -> Result
     let TrackRows { points, lines } = rows;
     let end_s = scenario.slots as f64 * scenario.slot_s;
     let last = points[points.len() - 1];
-    if last.time_s < end_s * (1.0 - ROUNDING) {
+    if last.time_s < end_s * (1.0 - END_SLACK) {
         let expected = format!("a last row at the end of the mission, {end_s} s, or later");
         let message =
             format_args!("line {}: it ends at {} s: expected {expected}", lines[lines.len() - 1], last.time_s);
@@ -73,8 +75,8 @@ pub(super) fn read_file(scenario: &mut Scenario, held: Option<String>) -> Result
     Ok(Some(TrackFile { path, lines }))
 }
 
-/// The place at the start, and where each of the `slots` of `slot_s` [s] ends, between points at ascending times; before
-/// the first and after the last of them it is there. Each with the index of the point that it leads to.
+/// The place at the start, and where each of the `slots` of `slot_s` [s] ends, between points at ascending times;
+/// before the first and after the last of them it is there. Each with the index of the point that it leads to.
 ///
 /// # Panics
 /// Without points.
@@ -99,7 +101,7 @@ fn at(from: &TimedPoint, to: &TimedPoint, time_s: f64) -> Point3<f64> {
     if time_s <= from.time_s {
         return from.at;
     }
-    from.at + (to.at - from.at) * ((time_s - from.time_s) / (to.time_s - from.time_s))
+    interpolate(from.at, to.at, (time_s - from.time_s) / (to.time_s - from.time_s))
 }
 
 /// The rows of the text of a track, at least one, at ascending times.
@@ -171,13 +173,13 @@ pub(super) fn check(scenario: &Scenario, file: Option<&TrackFile>) -> Result<(),
         return Err(scenario.refusal(key, &value, &format!("one for each of the {} slots", scenario.slots)));
     }
     let airspace = scenario.airspace_without_ways();
-    let slack_m = ROUNDING * scenario.area.width_m().max(scenario.area.height_m());
+    let slack_m = scenario.area.border_slack_m();
     let mut from = scenario.start();
     for (index, &[x_m, y_m, z_m]) in waypoints_m.iter().take(scenario.slots as usize).enumerate() {
         let to = Point3::new(x_m, y_m, z_m);
         let leg_m = (to.xy() - from.xy()).norm();
         let [lowest_m, highest_m] = scenario.altitudes_m(from.z);
-        let is_high = (lowest_m * (1.0 - ROUNDING)..=highest_m * (1.0 + ROUNDING)).contains(&z_m);
+        let is_high = (lowest_m * (1.0 - ALTITUDE_SLACK)..=highest_m * (1.0 + ALTITUDE_SLACK)).contains(&z_m);
         let expected = if !scenario.area.contains(&to.xy(), slack_m) {
             format!("a place in the area, [0, {}] × [0, {}]", scenario.area.width_m(), scenario.area.height_m())
         } else if !scenario.reaches(&from.xy(), &to.xy()) {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
+use toml::Table;
 
 use super::base::BatteryKeys;
 use crate::keys::{Accepts, NOT_NEGATIVE, Only, PATH, POSITIVE};
@@ -60,13 +61,14 @@ crate::keys! {
         track: Option<PathBuf>, PATH;
         /// The waypoint of each slot, `[[x, y, z], ...]` [m]; instead of `track`.
         waypoints_m: Option<Vec<[f64; 3]>>, Accepts::Rule("a waypoint for each slot, `[[x, y, z], ...]` [m]");
-        /// Number of UAVs, `U`, equal but for their starts (decision D18); one if absent.
+        /// Number of UAVs, `U`, equal but for their starts (decision D18); one if absent. UAVs that differ have `each`.
         count: Option<u32>, Accepts::Whole(1, MAX_UAVS as u64);
         /// Start of each UAV, `[[x, y], ...]` [m], instead of `start_m` for all.
         starts_m: Option<Vec<[f64; 2]>>, Accepts::Rule("a position in the area for each UAV");
         /// Longest flight of each UAV [s], `[s, s, ...]`, with `must_land`: it is in the base when its own ends, and
         /// stays there.
-        endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with must_land");
+        endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with \
+            must_land");
         /// How the UAVs share the field (decision D22); `"partition"` if absent.
         coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
         /// A UAV may not fly to within this distance of where one of lower number ends the slot, outside of bases [m];
@@ -78,6 +80,9 @@ crate::keys! {
         battery: Option<BatteryKeys>, Accepts::TableOf(BatteryKeys::KEYS);
         /// Parameters of the propulsion power.
         propulsion: Propulsion = {}, Accepts::TableOf(Propulsion::KEYS);
+        /// `[[uav.each]]`: UAVs that differ, in the order of their numbers, instead of `count`. Each table has keys of
+        /// `[uav]` that replace those of all, `resource_blocks`, and how many are equal, `count`.
+        each: Option<Vec<Table>>, Accepts::Rule("a list of tables of keys of [uav], but of those of the whole fleet");
     }
 }
 

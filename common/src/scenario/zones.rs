@@ -1,6 +1,8 @@
 //! The airspace of a scenario, and the rules of its zones, buildings and bases: polygons, and ways that lead where the
 //! UAV has to go.
 
+use std::path::Path;
+
 use serde::Serialize;
 use toml::Value;
 
@@ -12,7 +14,7 @@ use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
 use crate::error::{InputError, MAX_PATH};
 use crate::geodata::plausible::{NamedPolygon, PolygonRole};
-use crate::geodata::projection::Projection;
+use crate::geodata::projection::{Origin, Projection};
 use crate::geodata::{ZoneKind, read_zones};
 use crate::geometry::Position;
 use crate::terminal::one_line;
@@ -58,64 +60,61 @@ pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
             return Err(scenario.refusal(&format!("{key}.file"), &toml_of(file), expected));
         };
         let path = scenario.beside(file);
-        let read = read_zones(&path, None)?;
-        let note = |ignored| format!("zones {}: ignored: {ignored}", one_line(&path.to_string_lossy(), MAX_PATH));
-        scenario.notes.extend(read.ignored.map(note));
-        for zone in read.zones {
-            let corners = zone.corners_m(&Projection::at(origin), &path)?;
-            let mut named = |role| name(zone.name(&path), role, &corners);
-            match zone.kind {
-                ZoneKind::NoFly => {
-                    named(PolygonRole::NoFly);
-                    no_fly.push(NoFlyKeys { polygon_m: Some(corners), file: None });
-                }
-                ZoneKind::Building(height_m) => {
-                    named(PolygonRole::Building);
-                    scenario.area.building.get_or_insert_default().push(BuildingKeys { polygon_m: corners, height_m });
-                }
-                ZoneKind::BuildingAboveSea(altitude_m) => {
-                    let expected = "expected a height above the ground (altitudeMode relativeToGround, or height_m); \
-                                    `skysink new --zones` measures it against the ground of the sensor nodes";
-                    return Err(zone.refusal(&path, &format!("{altitude_m} m above sea level: {expected}")));
-                }
-                ZoneKind::Boundary if scenario.area.boundary_m.is_some() => {
-                    return Err(zone.refusal(&path, "a second boundary: expected one, here or in area.boundary_m"));
-                }
-                ZoneKind::Boundary => {
-                    named(PolygonRole::Boundary);
-                    scenario.area.boundary_m = Some(corners);
-                }
-            }
-        }
+        read_zone_file(scenario, &path, origin, &mut name, &mut no_fly)?;
     }
     scenario.polygons = polygons;
     scenario.area.no_fly = Some(no_fly).filter(|zones| !zones.is_empty());
     Ok(())
 }
 
+/// Keeps a polygon with its name for messages, its role and its corners [m].
+type NamePolygon<'a> = dyn FnMut(String, PolygonRole, &[[f64; 2]]) + 'a;
+
+/// Adds the zones, the buildings and the boundary of the file `path` to `scenario` and to its zones `no_fly`, and gives
+/// each its `name`.
+fn read_zone_file(
+    scenario: &mut Scenario,
+    path: &Path,
+    origin: Origin,
+    name: &mut NamePolygon<'_>,
+    no_fly: &mut Vec<NoFlyKeys>,
+) -> Result<(), InputError> {
+    let read = read_zones(path, None)?;
+    let note = |ignored| format!("zones {}: ignored: {ignored}", one_line(&path.to_string_lossy(), MAX_PATH));
+    scenario.notes.extend(read.ignored.map(note));
+    for zone in read.zones {
+        let corners = zone.corners_m(&Projection::at(origin), path)?;
+        let mut named = |role| name(zone.name(path), role, &corners);
+        match zone.kind {
+            ZoneKind::NoFly => {
+                named(PolygonRole::NoFly);
+                no_fly.push(NoFlyKeys { polygon_m: Some(corners), file: None });
+            }
+            ZoneKind::Building(height_m) => {
+                named(PolygonRole::Building);
+                scenario.area.building.get_or_insert_default().push(BuildingKeys { polygon_m: corners, height_m });
+            }
+            ZoneKind::BuildingAboveSea(altitude_m) => {
+                let expected = "expected a height above the ground (altitudeMode relativeToGround, or height_m); \
+                                `skysink new --zones` measures it against the ground of the sensor nodes";
+                return Err(zone.refusal(path, &format!("{altitude_m} m above sea level: {expected}")));
+            }
+            ZoneKind::Boundary if scenario.area.boundary_m.is_some() => {
+                return Err(zone.refusal(path, "a second boundary: expected one, here or in area.boundary_m"));
+            }
+            ZoneKind::Boundary => {
+                named(PolygonRole::Boundary);
+                scenario.area.boundary_m = Some(corners);
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Checks the border, the zones and the buildings of `scenario`, and that its start and its base lie outside of them.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     let area = &scenario.area;
-    let no_fly = area.no_fly.iter().flatten().map(NoFlyKeys::corners).enumerate();
-    let no_fly = no_fly.map(|(index, corners)| (format!("area.no_fly[{index}].polygon_m"), corners, false));
-    let buildings = area.building.iter().flatten().map(|building| &building.polygon_m[..]).enumerate();
-    let buildings = buildings.map(|(index, corners)| (format!("area.building[{index}].polygon_m"), corners, false));
-    let border = area.boundary_m.iter().map(|corners| ("area.boundary_m".to_owned(), &corners[..], true));
-    let mut count = 0;
-    for (key, corners, is_border) in border.chain(no_fly).chain(buildings) {
-        count += corners.len();
-        if count > MAX_CORNERS {
-            let expected = format!("at most {MAX_CORNERS} corners in the boundary, all zones and buildings");
-            return Err(scenario.refusal(&key, &format!("a polygon of {} corners", corners.len()).into(), &expected));
-        }
-        let polygon = Polygon::of(corners, is_border);
-        let polygon = polygon.map_err(|expected| scenario.refusal(&key, &toml_of(corners), expected))?;
-        let is_in_area = corners.iter().all(|&corner| area.contains(&corner.into(), 0.0));
-        if is_border && !(is_in_area && polygon.filled() >= LEAST_FILLED) {
-            let expected = "a polygon in the area that fills at least a hundredth of its extent";
-            return Err(scenario.refusal(&key, &toml_of(corners), expected));
-        }
-    }
+    let count = check_polygons(scenario)?;
     check_areas(scenario)?;
     sites::check(scenario)?;
     if count == 0 && scenario.uav.grid_m().is_none() {
@@ -146,25 +145,58 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
         let expected = "positions that lead to each other, around zones and buildings";
         return Err(scenario.refusal("uav.starts_m", &toml_of(&scenario.uav.starts_m), expected));
     }
-    let Some(base) = base else { return Ok(()) };
+    base.map_or(Ok(()), |base| check_base(scenario, &base, &airspace))
+}
+
+/// Checks the border, the zones and the buildings of `scenario`, each by itself; returns their corners.
+fn check_polygons(scenario: &Scenario) -> Result<usize, InputError> {
+    let area = &scenario.area;
+    let no_fly = area.no_fly.iter().flatten().map(NoFlyKeys::corners).enumerate();
+    let no_fly = no_fly.map(|(index, corners)| (format!("area.no_fly[{index}].polygon_m"), corners, false));
+    let buildings = area.building.iter().flatten().map(|building| &building.polygon_m[..]).enumerate();
+    let buildings = buildings.map(|(index, corners)| (format!("area.building[{index}].polygon_m"), corners, false));
+    let border = area.boundary_m.iter().map(|corners| ("area.boundary_m".to_owned(), &corners[..], true));
+    let mut count = 0;
+    for (key, corners, is_border) in border.chain(no_fly).chain(buildings) {
+        count += corners.len();
+        if count > MAX_CORNERS {
+            let expected = format!("at most {MAX_CORNERS} corners in the boundary, all zones and buildings");
+            return Err(scenario.refusal(&key, &format!("a polygon of {} corners", corners.len()).into(), &expected));
+        }
+        let polygon = Polygon::of(corners, is_border);
+        let polygon = polygon.map_err(|expected| scenario.refusal(&key, &toml_of(corners), expected))?;
+        let is_in_area = corners.iter().all(|&corner| area.contains(&corner.into(), 0.0));
+        if is_border && !(is_in_area && polygon.filled() >= LEAST_FILLED) {
+            let expected = "a polygon in the area that fills at least a hundredth of its extent";
+            return Err(scenario.refusal(&key, &toml_of(corners), expected));
+        }
+    }
+    Ok(count)
+}
+
+/// Checks that `base` can be reached in `airspace`.
+fn check_base(scenario: &Scenario, base: &Base, airspace: &Airspace) -> Result<(), InputError> {
     if !base.sites().is_empty() {
-        return sites::check_ways(scenario, &base, &airspace);
+        return sites::check_ways(scenario, base, airspace);
     }
     if airspace.has_grid() {
         let key = if matches!(base, Base::Disk { .. }) { "base.position_m" } else { "base.areas_m" };
         let keys = toml_of(&scenario.base);
         let value = keys.get(key.trim_start_matches("base.")).cloned().unwrap_or(keys);
-        let expected = expected_of(&airspace, "a base");
-        return if is_led_to(&airspace, &base) { Ok(()) } else { Err(scenario.refusal(key, &value, &expected)) };
+        let expected = expected_of(airspace, "a base");
+        return if is_led_to(airspace, base) { Ok(()) } else { Err(scenario.refusal(key, &value, &expected)) };
     }
     let Some((index, place)) = base.places().enumerate().find(|(_, place)| !airspace.is_reachable(place)) else {
         return Ok(());
     };
-    match &base {
-        Base::Disk { .. } => refuse("base.position_m", &place, &expected_of(&airspace, "a position")),
+    match base {
+        Base::Disk { .. } => {
+            let at_m = toml_of(&[place.x, place.y]);
+            Err(scenario.refusal("base.position_m", &at_m, &expected_of(airspace, "a position")))
+        }
         Base::Areas(areas) => {
             let corners: Vec<[f64; 2]> = areas[index].polygon.corners().iter().map(|&at| at.into()).collect();
-            let expected = expected_of(&airspace, "a polygon");
+            let expected = expected_of(airspace, "a polygon");
             Err(scenario.refusal(&format!("base.areas_m[{index}]"), &toml_of(&corners), &expected))
         }
         Base::Sites(_) => Ok(()), // checked above

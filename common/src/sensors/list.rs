@@ -14,7 +14,9 @@ use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
+use crate::interpolation::interpolate;
 use crate::ledger::Ledger;
+use crate::loss_rate::LossRate;
 use crate::message::SensorNode;
 use crate::nodes::energy::HarvestTrace;
 use crate::nodes::{NodeColumn, NodeFeatures, NodeRow, NodeSetup};
@@ -214,8 +216,8 @@ impl SensorList {
     pub fn files_beside(&self, scenario: &Scenario) -> impl Iterator<Item = (&'static str, String)> {
         let trace = self.trace.as_ref().map(|trace| (TRACE, trace.to_csv()));
         let of_features = self.files.iter().map(|(name, file)| (*name, file.to_csv()));
-        let table = scenario.link.table.map(|table| (CHANNEL, table.to_csv()));
-        let (levels, rates) = scenario.link.map.map_or((None, None), |map| {
+        let table = scenario.link.table.as_ref().map(|table| (CHANNEL, table.to_csv()));
+        let (levels, rates) = scenario.link.map.as_ref().map_or((None, None), |map| {
             let (levels, rates) = map.to_csv();
             (Some((CHANNEL, levels)), rates.map(|rates| (RATES, rates)))
         });
@@ -364,27 +366,29 @@ impl SensorList {
         Sensors { sampling: self.sampling(scenario), ..Sensors::of(scenario, &self.nodes()) }
     }
 
+    /// Mean bits that each sensor node samples in a slot, `s_i τ`.
+    fn means_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
+        self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s))
+    }
+
     /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.
     pub fn slot_bits(&self, scenario: &Scenario) -> f64 {
-        self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
+        self.means_bits(scenario).sum()
     }
 
-    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all of them or none.
-    pub fn expiring_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
-        let counts = scenario.node_traits().loses_initial;
-        self.sensors.iter().map(move |sensor| if counts { f64::from(sensor.queue_bits) } else { 0.0 })
+    /// The loss rate of all sensor nodes.
+    pub fn loss_rate(&self, scenario: &Scenario) -> LossRate {
+        LossRate::of(scenario, self.means_bits(scenario))
     }
 
-    /// Bits that all sensor nodes sample in the mission, of which a loss rate is a fraction: their mean if arrivals are
-    /// constant (decision D3), otherwise those that are drawn (decision D24); with [`Self::expiring_bits`].
+    /// Bits that count as sampled in the whole mission ([`LossRate::sampled_bits`]).
     pub fn mission_bits(&self, scenario: &Scenario) -> f64 {
-        let sampling = self.sampling(scenario);
-        if sampling.is_drawn() {
+        let initial_bits = self.sensors.iter().map(|sensor| f64::from(sensor.queue_bits)).sum();
+        let drawn_bits = || {
+            let sampling = self.sampling(scenario);
             (0..self.sensors.len()).map(|id| sampling.sampled_bits(id, scenario.slots)).sum::<u64>() as f64
-                + self.expiring_bits(scenario).sum::<f64>()
-        } else {
-            self.slot_bits(scenario) * scenario.slots as f64 + self.expiring_bits(scenario).sum::<f64>()
-        }
+        };
+        self.loss_rate(scenario).sampled_bits(scenario.slots, initial_bits, drawn_bits)
     }
 
     /// The list as published on the topic `sensors`.
@@ -409,7 +413,7 @@ fn draw(scenario: &Scenario, border: Option<&Polygon>, id: u32) -> Sensor {
         let [x, y] = [stream.random::<f64>(), stream.random::<f64>()];
         let drawn = match border.map(Polygon::extent) {
             None => Position::new(x * scenario.area.width_m(), y * scenario.area.height_m()),
-            Some([low, high]) => Position::new(low.x + x * (high.x - low.x), low.y + y * (high.y - low.y)),
+            Some([low, high]) => Position::new(interpolate(low.x, high.x, x), interpolate(low.y, high.y, y)),
         };
         if border.is_none_or(|border| border.encloses(&drawn)) {
             break drawn;
@@ -447,7 +451,7 @@ fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u
         return lowest;
     }
     let fraction: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
-    (lowest + (highest - lowest) * fraction).min(highest)
+    interpolate(lowest, highest, fraction).min(highest)
 }
 
 /// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at its buffer [bit].

@@ -11,7 +11,7 @@ use crate::error::{line_of, quoted};
 use crate::geodata::projection::Projection;
 use crate::geometry::Position;
 use crate::nodes::keys::{MAX_FIELD_BITS, MAX_SENSORS};
-use crate::nodes::{self, NODE_ROWS, NodeColumn, SILENT};
+use crate::nodes::{self, NODE_ROWS, NodeColumn};
 use crate::random::Streams;
 use crate::scenario::{Area, Scenario};
 use crate::weights::WEIGHTS;
@@ -34,7 +34,7 @@ const FIRST: [(&str, &str); 9] = [
     ),
     ("gain_db", "gain of the link, -300 to 0"),
     ("sampling_bps", "0 or above"),
-    (CAPACITY, "buffer: whole bits, 1 to 4294967295; 2147483646 with batteries or a duty cycle"),
+    (CAPACITY, "buffer: whole bits, 1 to 4294967295"),
     (WEIGHT, "what a bit of this SN is worth, 1e-6 to 1e6: strategies value weighted queues (decision D25)"),
 ];
 
@@ -226,9 +226,8 @@ impl<'a> Table<'a> {
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
-        let most_bits = if scenario.node_traits().may_refuse { SILENT - 2 } else { u32::MAX };
-        let is_buffer = |value: f64| (1.0..=f64::from(most_bits)).contains(&value) && value.fract() == 0.0;
-        let own_bits = self.number(row, CAPACITY, &format!("whole bits, 1 to {most_bits}"), is_buffer)?;
+        let is_buffer = |value: f64| (1.0..=f64::from(u32::MAX)).contains(&value) && value.fract() == 0.0;
+        let own_bits = self.number(row, CAPACITY, &format!("whole bits, 1 to {}", u32::MAX), is_buffer)?;
         let capacity_bits = own_bits.map_or_else(|| draw_capacity_bits(scenario, id), |bits| bits as u32);
         let expected = format!("a weight from {} to {}", WEIGHTS.start(), WEIGHTS.end());
         let weight = self.number(row, WEIGHT, &expected, |value| WEIGHTS.contains(&value))?;

@@ -98,7 +98,8 @@ fn independent_m(polygons: &[Polygon], from: &Position, to: &Position) -> f64 {
     let nodes: Vec<_> = places.iter().map(|_| graph.add_node(())).collect();
     for first in 0..places.len() {
         for second in first + 1..places.len() {
-            let (a, b) = (places[first], places[second]);
+            let a = places[first];
+            let b = places[second];
             if !polygons.iter().any(|polygon| enters(polygon, a, b)) {
                 graph.add_edge(nodes[first], nodes[second], Euclidean.distance(a, b));
             }
@@ -113,7 +114,8 @@ fn fly_mazes(seed: u64, count: usize) -> (usize, usize) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let place =
         |random: &mut ChaCha8Rng| Position::new(random.random::<f64>() * SIDE_M, random.random::<f64>() * SIDE_M);
-    let (mut flown, mut bent) = (0, 0);
+    let mut flown = 0;
+    let mut bent = 0;
     for _ in 0..count {
         let zones = zones(&mut random);
         let polygons: Vec<Polygon> = zones.iter().map(polygon).collect();
@@ -223,11 +225,13 @@ fn is_walled_in(zones: &[Corners], point: &Position) -> bool {
 #[test]
 fn no_path_leads_between_zones_that_touch() {
     let mut random = ChaCha8Rng::seed_from_u64(14);
-    let (mut arrangements, mut bends) = (0, 0);
+    let mut arrangements = 0;
+    let mut bends = 0;
     while arrangements < 1_000 {
         let zones = parcels(&mut random);
         let mut place = || Position::new(random.random::<f64>() * SIDE_M, random.random::<f64>() * SIDE_M);
-        let (start, ends) = (place(), [place(), place(), place()]);
+        let start = place();
+        let ends = [place(), place(), place()];
         let Some(scenario) = scenario(&zones, start) else { continue };
         arrangements += 1;
         let airspace = scenario.airspace();

@@ -106,7 +106,7 @@ skysink_common::keys! {
 fn base(text: &str) -> Result<Dock, InputError> {
     let mut table = text.parse().unwrap();
     fill(Dock::KEYS, "base", &mut table, &[]);
-    read(table, "base", Source { path: Path::new("a.toml"), settings: &[] })
+    read(table, "base", Source { path: Path::new("a.toml"), settings: &[], own: None })
 }
 
 #[test]

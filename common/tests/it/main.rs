@@ -1,6 +1,7 @@
 //! Scenarios and sensor lists.
 
 mod airspace;
+mod each;
 mod geodetic;
 mod keys;
 mod scenario;

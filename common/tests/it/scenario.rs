@@ -80,7 +80,8 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
     assert!((mean(&queue) - 10_000.0).abs() < 290.0);
     // Rates, queues and positions are uncorrelated; a correlation has deviation 0.01.
     let together = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
-        let (mean_a, mean_b) = (mean(a), mean(b));
+        let mean_a = mean(a);
+        let mean_b = mean(b);
         let covariance = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64, mean_a: f64, mean_b: f64| {
             mean(&|id| (a(id) - mean_a) * (b(id) - mean_b))
         };
@@ -149,7 +150,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
 #[test]
 fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
-    let los = *Channel::of(&scenario.link).line_of_sight().unwrap();
+    let los = Channel::of(&scenario.link).line_of_sight().unwrap().clone();
     let climb = scenario.uav.climb().unwrap();
     assert_eq!(los.curve(), Some(&LosCurve::Sigmoid { a: 9.61, b: 0.16 }), "urban");
     // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01
@@ -260,7 +261,7 @@ fn batteries_are_those_of_the_list_or_else_of_the_scenario() {
             "x_m,y_m,capacity_j,harvest_w\n1,2,1,-1\n",
             "line 2: harvest_w = -1: expected a finite number, 0 or above",
         ),
-        (energy, "x_m,y_m,capacity_j,capacity_bits\n1,2,1,4294967295\n", "expected whole bits, 1 to 2147483646"),
+        (energy, "x_m,y_m,capacity_j,capacity_bits\n1,2,1,4294967296\n", "expected whole bits, 1 to 4294967295"),
         (
             "",
             "x_m,y_m,capacity_j\n1,2,1\n",

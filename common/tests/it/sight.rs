@@ -43,7 +43,8 @@ fn clearance_m(polygon: &Polygon, height_m: f64, sensor: &Point3<f64>, uav: &Poi
         return Some(f64::INFINITY);
     }
     let along = |x: f64, y: f64| {
-        let (dx, dy) = (uav.x - sensor.x, uav.y - sensor.y);
+        let dx = uav.x - sensor.x;
+        let dy = uav.y - sensor.y;
         ((x - sensor.x) * dx + (y - sensor.y) * dy) / (dx * dx + dy * dy)
     };
     let fractions: Vec<f64> = ends.iter().map(|end| along(end.x, end.y)).collect();
@@ -59,7 +60,9 @@ fn clearance_m(polygon: &Polygon, height_m: f64, sensor: &Point3<f64>, uav: &Poi
 #[test]
 fn line_of_sight_agrees_with_an_independent_library_on_100_000_links() {
     let mut random = ChaCha8Rng::seed_from_u64(16);
-    let (mut seen, mut hidden, mut close) = (0, 0, 0);
+    let mut seen = 0;
+    let mut hidden = 0;
+    let mut close = 0;
     for _ in 0..LINKS / 100 {
         let town: Vec<_> =
             (0..random.random_range(1..12)).map(|_| (outline(&mut random), random.random_range(2.0..60.0))).collect();
@@ -122,7 +125,8 @@ fn channel(keys: &str) -> Channel {
 
 #[test]
 fn a_link_has_the_rate_of_its_state_and_the_mean_of_its_shadowing() {
-    let (sensor, uav) = (Position::new(10.0, 50.0), Point3::new(35.0, 50.0, 20.0));
+    let sensor = Position::new(10.0, 50.0);
+    let uav = Point3::new(35.0, 50.0, 20.0);
     let behind = Point3::new(65.0, 50.0, 20.0);
     let steady = channel("");
     let model = steady.line_of_sight().unwrap();

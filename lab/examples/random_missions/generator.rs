@@ -6,6 +6,7 @@ use std::path::Path;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
+use skysink_common::interpolation::interpolate;
 
 /// A mission as its two files.
 pub struct RandomMission {
@@ -45,7 +46,7 @@ impl Generator {
     }
 
     fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.random.random::<f64>()
+        interpolate(low, high, self.random.random())
     }
 
     fn log_uniform(&mut self, low: f64, high: f64) -> f64 {
@@ -173,14 +174,14 @@ impl Generator {
 }
 
 fn queue(random: &mut ChaCha8Rng, [low_bits, high_bits]: [f64; 2]) -> u32 {
-    (low_bits + (high_bits - low_bits) * random.random::<f64>()) as u32
+    interpolate(low_bits, high_bits, random.random()) as u32
 }
 
 fn rate(random: &mut ChaCha8Rng, [low_bps, high_bps]: [f64; 2], two_rates: bool) -> f64 {
     if two_rates {
         return if random.random_range(0..8) == 0 { high_bps } else { low_bps };
     }
-    low_bps + (high_bps.max(low_bps.next_up()) - low_bps) * random.random::<f64>()
+    interpolate(low_bps, high_bps.max(low_bps.next_up()), random.random())
 }
 
 impl RandomMission {

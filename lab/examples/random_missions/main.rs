@@ -99,8 +99,10 @@ fn main() {
     let number = |index: usize, default| arguments.get(index).map_or(default, |text| text.parse().expect("a number"));
     let range = arguments.first().map_or("1-2000", String::as_str);
     let (first, last) = range.split_once('-').expect("missions as 1-2000");
-    let (first, last): (u64, u64) = (first.parse().expect("a number"), last.parse().expect("a number"));
-    let (draws, steps) = (number(1, 6), number(2, 1_000));
+    let first: u64 = first.parse().expect("a number");
+    let last: u64 = last.parse().expect("a number");
+    let draws = number(1, 6);
+    let steps = number(2, 1_000);
     let lost_folder = arguments.get(3).map(PathBuf::from);
     if options.contains(&"--write".to_owned()) {
         let folder = lost_folder.expect("a folder to write to");

@@ -56,9 +56,11 @@ fn arrivals(mission: &mut RandomMission, random: &mut ChaCha8Rng) {
     if mission.scenario.contains("[sensors.arrivals]") {
         return;
     }
-    let (slot_s, capacity_bits) = (mission.number("slot_s"), mission.number("capacity_bits"));
+    let slot_s = mission.number("slot_s");
+    let capacity_bits = mission.number("capacity_bits");
     let mut mean_s = || slot_s * 30.0_f64.powf(random.random());
-    let (on_s, off_s) = (mean_s(), mean_s());
+    let on_s = mean_s();
+    let off_s = mean_s();
     let packet_bits = (capacity_bits / 10.0).powf(random.random()) as u32;
     let law = if random.random() {
         format!("model = \"poisson\"\npacket_bits = {packet_bits}\n")

@@ -60,7 +60,8 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same chart gives the same bytes.
+    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same chart gives the same
+    /// bytes.
     ///
     /// # Errors
     /// If a mean is not finite or negative on a logarithmic scale, all means are 0 on a logarithmic scale, the embedded

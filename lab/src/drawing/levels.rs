@@ -1,5 +1,6 @@
 //! The map of links under a trajectory, in bands of equal width of its level: SNR or rate.
 
+use skysink_common::interpolation::interpolate;
 use svg::node::element::{Group, Path};
 
 use super::axis::Panel;
@@ -65,5 +66,5 @@ impl LevelMap {
 pub fn tint(band: usize) -> String {
     const ENDS: [f64; 2] = [0.1, 0.6];
     let fraction = band as f64 / (BANDS - 1) as f64;
-    format!("#{:x}", colorous::PURPLES.eval_continuous(ENDS[0] + fraction * (ENDS[1] - ENDS[0])))
+    format!("#{:x}", colorous::PURPLES.eval_continuous(interpolate(ENDS[0], ENDS[1], fraction)))
 }

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
+use skysink_common::interpolation::interpolate;
 use svg::Node;
 use svg::node::element::{Circle, ClipPath, Group, Rectangle};
 
@@ -116,7 +117,8 @@ pub struct MapSheet {
 }
 
 impl MapSheet {
-    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
+    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same sheet gives the same
+    /// bytes.
     pub fn draw(&self, stem: &Path) -> Result<Vec<PathBuf>, LabError> {
         let cells = self.maps.len() + 1; // the last cell is the legend
         let width = self.look.width() - 2.0 * MARGIN;
@@ -179,7 +181,7 @@ impl MapSheet {
                 page.add(bar.set("y", top + 1.6 * EM).set("height", 1.4 * EM).set("fill", tint(band)));
             }
             for (part, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
-                let level = format!("{:.0}", low + part * (high - low)).replace('-', "−");
+                let level = format!("{:.0}", interpolate(low, high, part)).replace('-', "−");
                 page.add(text(&level, [left + part * width, top + 4.0 * EM], EM, anchor));
             }
             top += 5.0 * EM;

@@ -122,8 +122,8 @@ impl Altitudes {
         Some(home.z + tops_m.fold(ground.highest_m(&home.xy()), f64::max) - self.home_m())
     }
 
-    /// The altitude above home that clears the roofs of all buildings by `margin_m` [m]; `None` if the model flies above
-    /// it, or there are none.
+    /// The altitude above home that clears the roofs of all buildings by `margin_m` [m]; `None` if the model flies
+    /// above it, or there are none.
     pub fn over_roofs_m(&self, home: &Point3<f64>, zones: &[GeodeticZone], margin_m: f64) -> Option<f64> {
         let base_m = |zone: &GeodeticZone| {
             let Some(ground) = &self.ground else { return 0.0 };

@@ -69,9 +69,10 @@ const ARDUCOPTER: VehicleMotion = VehicleMotion {
     touch_down_mps: 0.5,
 };
 
-/// PX4: the acceleration is that of legs from rest to rest that versions 1.15 to 1.18 have flown in their simulator, with
-/// `MPC_ACC_HOR` 3 m/s² by default; `MPC_JERK_AUTO`, `MPC_TKO_SPEED` for all climbs, `MPC_Z_V_AUTO_DN`, `MPC_LAND_SPEED` by
-/// default; the rest is assumed.
+/// PX4: the acceleration is that of legs from rest to rest that versions 1.15 to 1.18 have flown in their simulator,
+/// with
+/// `MPC_ACC_HOR` 3 m/s² by default; `MPC_JERK_AUTO`, `MPC_TKO_SPEED` for all climbs, `MPC_Z_V_AUTO_DN`,
+/// `MPC_LAND_SPEED` by default; the rest is assumed.
 const PX4: VehicleMotion = VehicleMotion {
     horizontal: RampLimits { acceleration_mps2: 1.7, jerk_mps3: Some(4.0) },
     vertical: VERTICAL,
@@ -108,9 +109,12 @@ impl Autopilot {
     }
 }
 
-/// A hold [s] rounded up to whole seconds; up to a nanosecond, so that sums of slots are not rounded up.
+/// Slack of a hold [s], so that sums of slots are not rounded up.
+const HOLD_SLACK_S: f64 = 1e-9;
+
+/// A hold [s] rounded up to whole seconds.
 pub fn whole_s(hold_s: f64) -> f64 {
-    if hold_s > 1e-9 { (hold_s - 1e-9).ceil() } else { 0.0 }
+    if hold_s > HOLD_SLACK_S { (hold_s - HOLD_SLACK_S).ceil() } else { 0.0 }
 }
 
 impl VehicleMotion {

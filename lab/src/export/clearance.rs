@@ -6,6 +6,7 @@
 use geo::{BoundingRect, Contains, Distance, Euclidean, Line, Point, Polygon, Rect};
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 
 use super::fence;
 use super::track::{GeodeticTrack, GeodeticZone};
@@ -133,7 +134,7 @@ impl Obstacle {
         // least where the leg crosses an edge, or ends.
         let [from, to] = leg;
         let away_m = |edge: &Line, fraction: f64| {
-            let at = from + (to - from) * fraction;
+            let at = interpolate(*from, *to, fraction);
             Euclidean.distance(&Point::new(at.x, at.y), edge).hypot((at.z - self.top_m).max(0.0))
         };
         let edges = self.outline.exterior().lines();

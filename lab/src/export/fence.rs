@@ -3,6 +3,7 @@
 use geo::algorithm::buffer::{Buffer, BufferStyle, LineJoin};
 use geo::{LineString, MultiPolygon, Polygon};
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 use skysink_common::scenario::Area;
 
 /// Maximum length of a side of the fence [m]. A straight line of the tangent plane deviates from a rhumb line by about
@@ -28,7 +29,7 @@ pub fn border(area: &Area, margin_m: f64) -> Vec<Position> {
         let from = corners[index];
         let to = corners[(index + 1) % 4];
         let parts = ((to - from).norm() / FENCE_SIDE_M).ceil().clamp(1.0, MAX_FENCE_SIDES) as u32;
-        (0..parts).map(move |part| from + (to - from) * (f64::from(part) / f64::from(parts)))
+        (0..parts).map(move |part| interpolate(from, to, f64::from(part) / f64::from(parts)))
     };
     (0..4).flat_map(side).collect()
 }

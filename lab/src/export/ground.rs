@@ -3,6 +3,7 @@
 use rstar::primitives::GeomWithData;
 use rstar::{PointDistance, RTree};
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 use skysink_common::sensors::SensorList;
 
 /// Pairs of sensor nodes nearer to each other than this [m] tell no slope: the error of their altitudes would make it
@@ -106,7 +107,7 @@ impl Ground {
     pub fn highest_between_m(&self, from: &Position, to: &Position) -> f64 {
         let steps = ((to - from).norm() / STEP_M).ceil().max(1.0);
         let step_m = (to - from).norm() / steps;
-        let highest = (0..=steps as u64).map(|step| self.highest_m(&(from + (to - from) * (step as f64 / steps))));
+        let highest = (0..=steps as u64).map(|step| self.highest_m(&interpolate(*from, *to, step as f64 / steps)));
         highest.fold(f64::NEG_INFINITY, f64::max) + self.slope * step_m / 2.0
     }
 }

@@ -29,10 +29,12 @@ pub struct VehicleMissionOptions {
     #[arg(long, value_name = "ABOVE")]
     pub altitude: Option<AltitudeReference>,
     /// The ground at home [m], above what the ground_m of the sensor list are above [default: as low as they allow].
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = number("metres, -1e4 to 1e4", |ground_m| (-1e4..=1e4).contains(&ground_m)))]
+    #[arg(long, value_name = "M", allow_negative_numbers = true,
+        value_parser = number("metres, -1e4 to 1e4", |ground_m| (-1e4..=1e4).contains(&ground_m)))]
     pub home_ground: Option<f64>,
     /// Height of the geoid above the WGS84 ellipsoid at the field [m], for dji with --altitude msl.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = number("metres, -150 to 150", |geoid_m| (-150.0..=150.0).contains(&geoid_m)))]
+    #[arg(long, value_name = "M", allow_negative_numbers = true,
+        value_parser = number("metres, -150 to 150", |geoid_m| (-150.0..=150.0).contains(&geoid_m)))]
     pub geoid: Option<f64>,
     /// Autopilot of a vehicle mission [default: px4; of waypoints ardupilot].
     #[arg(long)]
@@ -44,10 +46,12 @@ pub struct VehicleMissionOptions {
     #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true, value_parser = parse_bits)]
     pub min_bits: u64,
     /// Widen the geofence of a vehicle mission beyond the area by this [m] [default: 0].
-    #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = number("metres, 0 to 10000", |margin_m| (0.0..=1e4).contains(&margin_m)))]
+    #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true,
+        value_parser = number("metres, 0 to 10000", |margin_m| (0.0..=1e4).contains(&margin_m)))]
     pub fence_margin: f64,
     /// Warn of legs that come nearer than this to the geofence, a zone, a building or the ground [m] [default: 2].
-    #[arg(long, value_name = "M", value_parser = number("metres, 0 to 10000", |margin_m| (0.0..=1e4).contains(&margin_m)))]
+    #[arg(long, value_name = "M",
+        value_parser = number("metres, 0 to 10000", |margin_m| (0.0..=1e4).contains(&margin_m)))]
     pub margin: Option<f64>,
     /// Delay the starts of a fleet, so that its UAVs stay uav.separation_m apart by the estimated times.
     #[arg(long)]

@@ -144,7 +144,13 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
         return Err(refuse_option(export, option, "has no vehicle mission").into());
     }
     let origin = origin(export, &run.scenario)?;
-    let tracks = (0..uavs).map(|uav| GeodeticTrack::new(run, uav, origin)).collect::<Result<Vec<_>, _>>()?;
+    // Of UAVs that differ each has the run with its own keys.
+    let own: Vec<RecordedRun> = match run.scenario.fleet {
+        None => Vec::new(),
+        Some(_) => (0..uavs).map(|uav| RecordedRun { scenario: run.scenario.as_of(uav), ..run.clone() }).collect(),
+    };
+    let run_of = |uav: usize| own.get(uav).unwrap_or(run);
+    let tracks = (0..uavs).map(|uav| GeodeticTrack::new(run_of(uav), uav, origin)).collect::<Result<Vec<_>, _>>()?;
     let (mut summary, texts) = match &export.format.write {
         WriteFormat::Flight(write) => {
             let files = if uavs == 1 { "1 file".to_owned() } else { format!("{uavs} files, one for each UAV") };

@@ -5,6 +5,7 @@
 
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 use skysink_common::scenario::Scenario;
 
 use super::duration::TimedPosition;
@@ -78,7 +79,9 @@ pub fn lines(scenario: &Scenario, missions: &[VehicleMission], stagger: bool) ->
 
 /// That vehicles on the ground are not counted, where all start from one place.
 fn on_the_ground(scenario: &Scenario) -> Option<String> {
-    let is_shared = scenario.uav.starts_m.is_none();
+    let mut starts = scenario.starts().map(|start| start.xy());
+    let first = starts.next();
+    let is_shared = starts.all(|start| Some(start) == first);
     is_shared.then(|| "warning: all UAVs start and land at one place: those on the ground are not counted".to_owned())
 }
 
@@ -152,8 +155,8 @@ fn nearest_of_parts(parts: [&[TimedPosition]; 2], delays_s: [f64; 2]) -> Option<
         let change = (after[1] - after[0]) - away;
         let fraction = -away.dot(&change) / change.norm_squared();
         let fraction = if fraction.is_nan() { 0.0 } else { fraction.clamp(0.0, 1.0) };
-        let time_s = pair[0] + (pair[1] - pair[0]) * fraction;
-        ((away + change * fraction).norm(), time_s, before[0] + (after[0] - before[0]) * fraction)
+        let time_s = interpolate(pair[0], pair[1], fraction);
+        ((away + change * fraction).norm(), time_s, interpolate(before[0], after[0], fraction))
     });
     nearest.min_by(|a, b| a.0.total_cmp(&b.0))
 }
@@ -164,5 +167,5 @@ fn place_at(nodes: &[TimedPosition], time_s: f64) -> Position {
     let [before, after] = [&nodes[after - 1], &nodes[after]];
     let duration_s = after.time_s - before.time_s;
     let fraction = if duration_s > 0.0 { ((time_s - before.time_s) / duration_s).clamp(0.0, 1.0) } else { 1.0 };
-    before.at + (after.at - before.at) * fraction
+    interpolate(before.at, after.at, fraction)
 }

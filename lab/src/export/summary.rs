@@ -38,8 +38,8 @@ fn counts(track: &GeodeticTrack<'_>, VehicleMission { parts, stops, .. }: &Vehic
     let items: usize = parts.iter().map(|part| part.items.len() + 1).sum(); // and home
     let files = if parts.len() == 1 { "1 file".to_owned() } else { format!("{} files", parts.len()) };
     format!(
-        "{slots} slot{} ({services} serving) → {waypoints} waypoint{} ({serving} serving), {speeds} change{} of speed → \
-         {items} items → {files}",
+        "{slots} slot{} ({services} serving) → {waypoints} waypoint{} ({serving} serving), {speeds} change{} of speed \
+         → {items} items → {files}",
         plural(slots),
         plural(waypoints),
         plural(speeds)

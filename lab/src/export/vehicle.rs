@@ -211,7 +211,8 @@ impl MissionPlanner<'_> {
     fn part(&self, waypoints: &[VehicleStop]) -> Result<MissionPart, InputError> {
         let positions: Vec<Point3<f64>> = waypoints.iter().map(|waypoint| waypoint.position).collect();
         let altitudes_m = self.altitudes.along(&self.home(), &positions);
-        let (take_off_m, altitudes_m) = (altitudes_m[0], &altitudes_m[1..]);
+        let take_off_m = altitudes_m[0];
+        let altitudes_m = &altitudes_m[1..];
         let mut items = vec![VehicleItem::TakeOff { home: self.track.points[0].place, altitude_m: take_off_m }];
         let mut legs = Vec::with_capacity(waypoints.len());
         let mut set_mps = None;

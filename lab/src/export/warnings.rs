@@ -28,7 +28,8 @@ pub fn of(
     if charging > 0 {
         let charging_s = charging as f64 * track.run.scenario.slot_s;
         warnings.push(format!(
-            "hovers for {charging_s:.0} s in which the plan charges on the ground: land there yourself, and go on when it has charged"
+            "hovers for {charging_s:.0} s in which the plan charges on the ground: land there yourself, and go on when \
+             it has charged"
         ));
     }
     warnings.extend(corners.and_then(|corners| many_corners(track, corners)));

@@ -179,17 +179,7 @@ impl Imported {
             }
         }
         let items = IgnoredItem::summary(&ignored);
-        let properties = points.iter().flat_map(|point| &point.properties).zip(unread.iter().flatten());
-        let is_ignored =
-            |name: &str, text: &str, is_unread| is_unread && (other(name).is_none() || !text.trim().is_empty());
-        let properties = properties.filter(|((name, text), is_unread)| is_ignored(name, text, **is_unread));
-        let mut names: Vec<String> = properties.map(|((name, _), _)| quoted(name)).collect();
-        names.sort();
-        names.dedup();
-        let more = names.len().saturating_sub(MOST_NAMED);
-        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-        names.truncate(MOST_NAMED);
-        let properties = (!names.is_empty()).then(|| format!("properties {}{more}", names.join(", ")));
+        let properties = unread_properties(&points, &unread);
         let ignored = [items, properties].into_iter().flatten().chain(reasons).collect();
         Ok(Self { frame: Frame::Geodetic, sensors, others, ignored, system })
     }
@@ -229,6 +219,21 @@ pub fn south_west(positions: &[[f64; 2]]) -> [f64; 2] {
     let widest = gaps_before.max_by(|a, b| gap(a).total_cmp(&gap(b)));
     let southernmost = positions.iter().map(|position| position[0]).fold(f64::INFINITY, f64::min);
     [southernmost, widest.map_or(f64::NAN, |(east, _)| *east)]
+}
+
+/// The properties of points that are `unread`, of each point by number, unless they are those of a column and empty.
+fn unread_properties(points: &[FoundPoint], unread: &[Vec<bool>]) -> Option<String> {
+    let properties = points.iter().flat_map(|point| &point.properties).zip(unread.iter().flatten());
+    let is_ignored =
+        |name: &str, text: &str, is_unread| is_unread && (other(name).is_none() || !text.trim().is_empty());
+    let properties = properties.filter(|((name, text), is_unread)| is_ignored(name, text, **is_unread));
+    let mut names: Vec<String> = properties.map(|((name, _), _)| quoted(name)).collect();
+    names.sort();
+    names.dedup();
+    let more = names.len().saturating_sub(MOST_NAMED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    names.truncate(MOST_NAMED);
+    (!names.is_empty()).then(|| format!("properties {}{more}", names.join(", ")))
 }
 
 #[cfg(test)]

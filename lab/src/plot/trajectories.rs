@@ -156,7 +156,7 @@ fn map(run: &Path, links_of: Option<&str>, stop: &Stop) -> Result<(MappedRun, Tr
 /// radius; `None` without a map.
 fn links(run: &Path, scenario: &Scenario, list: &SensorList, of: Option<&str>) -> Result<Option<LevelMap>, InputError> {
     let refuse = |name: &str, expected: String| InputError::of_argument("--links-of", name, expected);
-    let Some(map) = scenario.link.map else {
+    let Some(map) = &scenario.link.map else {
         let expected = || format!("{}: expected a run with link.model = \"map\"", run.display());
         return of.map_or(Ok(None), |name| Err(refuse(name, expected())));
     };

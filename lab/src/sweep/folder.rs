@@ -16,7 +16,7 @@ use skysink_mission::folder::OutputFolder;
 
 use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
-use super::manifest::{LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, SAVED, STANDINGS, SWEEP, add_builds};
+use super::manifest::{LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, STANDINGS, SWEEP, add_builds, saved};
 use super::plan::Sweep;
 use super::results;
 use super::saved::SavedFile;
@@ -184,7 +184,7 @@ pub fn remove_comparison(path: &Path, sweep: &Sweep) -> Result<(), LabError> {
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
-    remove(path, RESULTS.into_iter().chain([JOURNAL, RECORDING]).chain(SAVED))?;
+    remove(path, RESULTS.into_iter().chain([JOURNAL, RECORDING]).chain(saved()))?;
     folder.remove_results()?;
     remove(path, [STANDINGS].into_iter()) // last: without them it is no comparison
 }

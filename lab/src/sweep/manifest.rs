@@ -5,7 +5,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use skysink_common::build::VERSION;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{CHANNEL, HARVEST, RATES, TRACE};
+use skysink_common::nodes;
+use skysink_common::scenario::{CHANNEL, RATES, TRACE};
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{read_regular, write_whole};
 use skysink_mission::folder::FolderLayout;
@@ -30,11 +31,14 @@ pub const RECORDING: &str = "comparison.rrd";
 pub(crate) static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| name == MANIFEST,
-    is_temporary: |name| RESULTS.contains(&name) || SAVED.contains(&name),
+    is_temporary: |name| RESULTS.contains(&name) || saved().any(|saved| saved == name),
 };
 
 /// The files of the definition, beside sources in Python.
-pub(crate) const SAVED: [&str; 9] = [SCENARIO, SENSORS, TRACE, HARVEST, CHANNEL, ARRAYS, RATES, TRACK, SWEEP];
+pub(crate) fn saved() -> impl Iterator<Item = &'static str> {
+    let of_features = nodes::files().map(|file| file.name);
+    [SCENARIO, SENSORS, TRACE].into_iter().chain(of_features).chain([CHANNEL, ARRAYS, RATES, TRACK, SWEEP])
+}
 
 /// The files that are written when all missions are flown, and the one that the Python package makes of them.
 pub(crate) const RESULTS: [&str; 4] = ["results.csv", "summary.csv", "timings.csv", "results.parquet"];

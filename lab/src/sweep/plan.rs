@@ -52,8 +52,8 @@ impl Sweep {
         }
         let sweep = Self::new(path, settings)?;
         if sweep.definition != definition {
-            let message = "its scenario.toml, sensors.csv, sweep.json or the source of a strategy was modified: restore \
-                           it, or fly another sweep: skysink sweep FILE --out DIR";
+            let message = "its scenario.toml, sensors.csv, sweep.json or the source of a strategy was modified: \
+                           restore it, or fly another sweep: skysink sweep FILE --out DIR";
             return Err(InputError::new("sweep", path, message).into());
         }
         if changes.strategies.is_none() && changes.seeds.is_none() {

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use skysink_common::channel::RateTable;
 use skysink_common::error::InputError;
 use skysink_common::keys::dotted;
-use skysink_common::scenario::{CHANNEL, HARVEST, Overrides, RATES, Scenario, TRACE};
+use skysink_common::nodes;
+use skysink_common::scenario::{CHANNEL, Overrides, RATES, Scenario, TRACE};
 use skysink_common::terminal::shell_path;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::read_regular;
@@ -105,14 +106,10 @@ impl Sweep {
     pub(crate) fn files(&self) -> Result<Vec<SavedFile>, LabError> {
         let mut files = Vec::new();
         let mut table = self.full_base()?;
-        for (key, name) in [
-            ("sensors.file", SENSORS),
-            ("sensors.arrivals.file", TRACE),
-            ("sensors.energy.harvest_file", HARVEST),
-            ("link.file", CHANNEL),
-            ("link.rates", RATES),
-            ("uav.track", TRACK),
-        ] {
+        let lists = [("sensors.file", SENSORS), ("sensors.arrivals.file", TRACE)];
+        let of_features = nodes::files().map(|file| (file.key, file.name));
+        let others = [("link.file", CHANNEL), ("link.rates", RATES), ("uav.track", TRACK)];
+        for (key, name) in lists.into_iter().chain(of_features).chain(others) {
             if let Some(file) = dotted::value_mut(&mut table, key).filter(|file| file.is_str()) {
                 let path = self.base.path.parent().unwrap_or(Path::new("")).join(file.as_str().unwrap_or_default());
                 let is_arrays = name == CHANNEL && path.extension() == Path::new(ARRAYS).extension();
@@ -138,8 +135,8 @@ impl Sweep {
     fn held(&self, name: &str) -> Option<String> {
         let Overrides { table, map, .. } = &self.base.held;
         match name {
-            CHANNEL => table.map(RateTable::to_csv).or_else(|| map.map(|map| map.to_csv().0)),
-            RATES => map.and_then(|map| map.to_csv().1),
+            CHANNEL => table.as_deref().map(RateTable::to_csv).or_else(|| map.as_ref().map(|map| map.to_csv().0)),
+            RATES => map.as_ref().and_then(|map| map.to_csv().1),
             _ => None,
         }
     }

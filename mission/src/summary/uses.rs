@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::base::Base;
-use skysink_common::figure::{FigureSource, FigureValue, ReportRow};
+use skysink_common::figure::{FigureValue, ReportRow};
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
 use skysink_common::slot_record::{SlotRecord, UavSlot};
 use skysink_planner::operator_counts::OperatorCounts;
@@ -41,7 +41,7 @@ pub struct FleetUse {
 
 impl FigureValue for FleetUse {
     /// Which requests were contended only the run knows.
-    fn recompute(&mut self, again: Self, _known: FigureSource) {
+    fn recompute(&mut self, again: Self) {
         *self = Self { contended: self.contended, ..again };
     }
 }

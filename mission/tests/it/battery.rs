@@ -54,7 +54,8 @@ impl Books {
     }
 
     fn add(&mut self, record: &SlotRecord, slot_s: f64) {
-        let (before, now) = (self.last, record.flights()[UAV]);
+        let before = self.last;
+        let now = record.flights()[UAV];
         let moved_m = now.position() - before.position();
         let mode = now.flown_mode();
         let expected_j = if before.energy_j < 0.0 {

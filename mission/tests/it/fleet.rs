@@ -11,6 +11,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{Plans, SlotRecord, uploads};
 use skysink_common::stop::Stop;
+use skysink_common::told::{Received, Sensed};
 use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
 use skysink_planner::strategies::names;
@@ -300,12 +301,13 @@ fn plans_do_not_rely_on_a_uav_that_is_down() {
         let is_near = |id: u32| (list.sensors()[id as usize].position - lies).norm() < 40.0;
         for slot in 1..=60 {
             flights[0].mode = Mode::Down as u32;
-            let plans = planner.step(slot, &flights, plant.field().queues_bits());
+            let told = plant.field().told();
+            let plans = planner.step(&Sensed { slot: slot - 1, flights: &flights, told, received: &Received::NOTHING });
             assert!(plans[0].scheduled().is_empty() && plans[0].waypoint() == flights[0].position(), "{strategy}");
             let record = plant.step(&[None, Some(plans[1])]);
             near += record.flights()[1].served_links().iter().filter(|link| is_near(link.sensor)).count();
             flights = plant.flights().clone();
-            planner.observe(slot, &flights, plant.field().queues_bits());
+            planner.observe(&plant.sensed(&Received::NOTHING));
         }
         let all = plant.header().totals;
         assert!(all.delivered_bits > all.lost_bits, "{strategy}: {all:?}");
@@ -509,10 +511,9 @@ fn a_restored_fleet_plans_as_before() {
                 let bytes = saved(&mission.planner);
                 let mut again = FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap();
                 again.restore(&bytes).unwrap();
-                let flights = mission.plant().flights();
-                let queues_bits = mission.plant().field().queues_bits();
-                again.observe(slot, flights, queues_bits);
-                let planned = again.step(slot + 1, flights, queues_bits);
+                let sensed = mission.plant().sensed(&Received::NOTHING);
+                again.observe(&sensed);
+                let planned = again.step(&sensed);
                 for (plan, expected) in planned.iter().zip(next.plans().iter().flatten()) {
                     let at = format!("{strategy}, {coordination}, slot {slot}");
                     assert_eq!(

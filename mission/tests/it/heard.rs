@@ -83,7 +83,8 @@ fn what_is_heard_follows_from_the_checkpoint_and_nothing_is_by_a_uav_that_is_dow
     while !plant.is_over() {
         plant.step(&[Some(hold); 3]);
         was_heard |= !plant.heard_links().is_empty();
-        let (mut bytes, mut again) = (Vec::new(), Plant::new(&scenario, &list));
+        let mut bytes = Vec::new();
+        let mut again = Plant::new(&scenario, &list);
         plant.save(&mut bytes);
         again.restore(&bytes).unwrap();
         assert_eq!(again.heard_links(), plant.heard_links());

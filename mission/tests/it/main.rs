@@ -3,6 +3,7 @@
 mod assumed_link;
 mod battery;
 mod chance;
+mod each;
 mod expiry;
 mod figures;
 mod finite;
@@ -12,6 +13,7 @@ mod heard;
 mod node_energy;
 mod objectives;
 mod optima;
+mod random_fleets;
 mod record;
 mod sites;
 mod support;

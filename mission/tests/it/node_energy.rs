@@ -4,7 +4,7 @@ use crate::support::scenario_of;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan};
-use skysink_common::nodes::{Charges, is_out};
+use skysink_common::nodes::Charges;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::uploads;
@@ -90,6 +90,29 @@ fn a_uav_leaves_the_dead_for_the_living() {
 }
 
 #[test]
+fn a_full_buffer_of_the_greatest_length_is_neither_silent_nor_dead() {
+    for keys in ["sensors.energy.capacity_j = 1e6\n", "link.duty_cycle = 0.9\nlink.duty_window_s = 10.0\n"] {
+        for knowledge in ["oracle", "estimated"] {
+            let text = format!(
+                "name = 'x'\nslots = 20\nsensors.file = 's.csv'\nsensors.initial_queue_mean_bits = 4294967295\n\
+                 sensors.capacity_bits = 4294967295\nplanner.knowledge = '{knowledge}'\n{keys}"
+            );
+            let scenario = scenario_of(&text, "gfs");
+            let csv = "x_m,y_m,queue_bits\n50,50,4294967295\n55,50,2147483648\n";
+            let list = SensorList::parse(csv, "s.csv".as_ref(), &scenario).unwrap();
+            let mut mission = Mission::new(&scenario, &list).unwrap();
+            let told = mission.plant().field().told();
+            assert_eq!(told.queues_bits, [u32::MAX, 1 << 31]);
+            assert!(!told.answers.is_empty() && told.answers.iter().all(|answer| answer.sends()), "{keys}");
+            let record = mission.next().unwrap();
+            let plan = record.plans()[0].unwrap();
+            assert_eq!(plan.scheduled(), [0, 1], "{keys}, {knowledge}");
+            assert!(record.header.delivered_bits > 0, "{keys}, {knowledge}");
+        }
+    }
+}
+
+#[test]
 fn what_the_dead_lose_is_a_part_of_the_loss_and_the_bound_holds() {
     for strategy in ["tour", "horizon"] {
         let scenario =
@@ -156,8 +179,8 @@ fn no_strategy_schedules_a_sensor_node_without_airtime() {
             let mut tally = Tally::new(&scenario, &list, &RunMode::default());
             let mut mission = Mission::new(&scenario, &list).unwrap();
             let out = |mission: &Mission| -> HashSet<u32> {
-                let told_bits = mission.plant().field().told_bits();
-                (0..).zip(&*told_bits).filter(|(_, bits)| is_out(**bits)).map(|(id, _)| id).collect()
+                let answers = mission.plant().field().told().answers;
+                (0..).zip(answers).filter(|(_, answer)| !answer.sends()).map(|(id, _)| id).collect()
             };
             let mut before = HashSet::new();
             let mut delivered_bits = [0; 12];
@@ -210,7 +233,7 @@ fn the_plan_of_offline_keeps_stops_of_sensor_nodes_that_are_silent_for_a_while()
                     let is_near = away.norm() <= 20.0;
                     visited[usize::from(record.slot() > 60)] += usize::from(is_near);
                 }
-                silent += mission.plant().field().told_bits().iter().filter(|bits| is_out(**bits)).count();
+                silent += mission.plant().field().told().answers.iter().filter(|answer| !answer.sends()).count();
             }
             (silent, visited)
         };

@@ -48,7 +48,8 @@ fn in_range(sensors: usize, blocks: usize, slots: u64, objective: &str) -> Strin
 #[test]
 fn sensor_nodes_in_range_are_served_in_turns() {
     for (sensors, blocks) in [(12, 3), (8, 4), (5, 1)] {
-        let (cycle, slots) = ((sensors / blocks) as u64, 60u64);
+        let cycle = (sensors / blocks) as u64;
+        let slots = 60u64;
         // The first round ends with ages 1 … k − 1; each round after it has as many ages of each kind.
         let one = |sensor: u64| {
             let first = sensor + 1;

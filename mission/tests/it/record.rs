@@ -285,7 +285,8 @@ fn figures_are_recomputed_from_the_trace_where_it_holds_them() {
     let case = Case::new().flown(None, SLOTS);
     let folder = RunFolder::reopen(&case.out()).unwrap();
     let written = folder.summary().unwrap();
-    let (version, build) = ("0.0.1".into(), "of the program that flew".into());
+    let version = "0.0.1".into();
+    let build = "of the program that flew".into();
     let measured = Summary { restarts: 3, solver_fallbacks: 2, version, build, ..written.clone() };
     let energy = Some(EnergyUse::default());
     let forged = Summary { loss_rate: 0.5, held_slots: 7, lost_bits: 2, mean_served: 9.0, energy, ..measured.clone() };

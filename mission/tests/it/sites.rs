@@ -102,7 +102,8 @@ fn scenario(seed: u64) -> Scenario {
     let strategy = ["horizon", "tour"][seed as usize % 2];
     let side_m = [200.0, 400.0, 800.0][seed as usize / 2 % 3];
     let coordination = ["partition", "sequential", "independent"][seed as usize / 6 % 3];
-    let (pads, count) = (1 + seed / 3 % 2, 1 + seed / 5 % 4);
+    let pads = 1 + seed / 3 % 2;
+    let count = 1 + seed / 5 % 4;
     let [low, high, east, north] = [0.2, 0.3, 0.75, 0.6].map(|part| part * side_m);
     let charger = ["charge_w = 1500.0", "swap_s = 6.0", "charge_w = 300.0"][seed as usize / 4 % 3];
     let keys = format!(
@@ -167,18 +168,28 @@ fn keep_sites(seed: u64) -> [bool; 3] {
     let mut visited = [false; 2];
     for record in &slots {
         let mut taken = [0; 2];
+        let begun = swapped.clone();
+        let charges_at = |uav: usize| {
+            let now = &record.flights()[uav];
+            let is_low = before[uav].energy_j < sites.battery.capacity_j;
+            let charges = is_low && now.flown_mode() == Mode::Charge && now.hold != HoldReason::Pad as u32;
+            sites.base.site_at(&now.position().xy()).filter(|_| charges)
+        };
         for (uav, now) in record.flights().iter().enumerate() {
             let at = format!("seed {seed}, slot {}, UAV {uav}", record.slot());
             assert!(now.energy_j >= 0.0, "{at}: down");
             swapped[uav] = sites.check(&before[uav], now, swapped[uav], &at);
             if now.flown_mode() == Mode::Charge {
                 let site = sites.base.site_at(&now.position().xy()).unwrap();
-                let is_full = before[uav].energy_j == sites.battery.capacity_j;
                 let is_waiting = now.hold == HoldReason::Pad as u32;
-                taken[site] += u32::from(!is_full && !is_waiting);
+                taken[site] += u32::from(charges_at(uav) == Some(site));
                 visited[site] = true;
-                // Only behind as many UAVs of lower number as there are pads.
-                assert!(!is_waiting || taken[site] == sites.base.sites()[site].charger.pads, "{at}");
+                // Only behind as many UAVs as there are pads, of lower number or in a swap that they have begun, and
+                // never in a swap of its own.
+                let swapping = (uav + 1..uavs).filter(|&other| begun[other] > 0 && charges_at(other) == Some(site));
+                let ahead = taken[site] + swapping.count() as u32;
+                let has_swap = begun[uav] > 0 && sites.base.site_at(&before[uav].position().xy()) == Some(site);
+                assert!(!is_waiting || ahead == sites.base.sites()[site].charger.pads && !has_swap, "{at}");
             }
         }
         assert!((0..2).all(|site| taken[site] <= sites.base.sites()[site].charger.pads), "seed {seed}");

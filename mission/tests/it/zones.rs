@@ -62,8 +62,8 @@ fn fly_all(keys: &str) {
                 served.extend(flight.served_links().iter().map(|link| link.sensor));
                 last = flight;
             }
-            assert!(served.iter().all(|&id| table.is_servable(id)), "{strategy}");
-            let servable = table.servable().count();
+            assert!(served.iter().all(|&id| table.is_reachable(id)), "{strategy}");
+            let servable = table.reachable().count();
             assert!(servable > 30, "{servable}");
             // Those that go round must not get stuck.
             let least = match strategy {

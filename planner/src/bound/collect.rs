@@ -2,8 +2,8 @@
 
 use super::field_bits::{FieldBits, SensorBits};
 
-/// Relative margin on sums against rounding.
-const ROUNDING: f64 = 1e-12;
+/// Margin on sums of bits against rounding, relative to them.
+const SUM_MARGIN: f64 = 1e-12;
 
 /// What the sensor nodes (SNs) hold and sample, and what their links carry at most.
 pub struct Offer<'a, Links> {
@@ -29,7 +29,7 @@ impl<Links: Fn(u64, usize) -> u64> Offer<'_, Links> {
         let data_bits = |(index, sensor): (usize, &SensorBits)| factor(index) * self.data_bits(sensor) as f64;
         let total_bits: f64 = self.field.sensors.iter().enumerate().map(data_bits).sum();
         let by_slots: f64 = (1..=self.field.slots).map(|slot| self.carried_bits(slot, &factor)).sum();
-        (by_slots.min(self.by_services(&factor)) * (1.0 + ROUNDING)).min(total_bits)
+        (by_slots.min(self.by_services(&factor)) * (1.0 + SUM_MARGIN)).min(total_bits)
     }
 
     /// Lower bound on the slots after which all data is delivered, for SNs that do not sample; `None` if it never is.

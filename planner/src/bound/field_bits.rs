@@ -1,6 +1,7 @@
 //! The sensor nodes as the bounds see them: those that sample, or that have data, in whole bits, with the first slot of
 //! a possible service.
 
+use skysink_common::airspace::Airspace;
 use skysink_common::arrivals::sampled_bits;
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::queues::overflow_bits;
@@ -8,6 +9,7 @@ use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
+use super::margins::LENGTH_MARGIN;
 use super::paths::legs::fewest_slots;
 
 /// By how much the nearest place beside zones may be farther away than the range: it keeps clear of them.
@@ -89,19 +91,14 @@ impl FieldBits {
     /// The SNs `ids` of a scenario, with these queues [bit], by id.
     #[must_use]
     pub fn over(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32], ids: impl Iterator<Item = u32>) -> Self {
-        let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
-        let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
-        let airspace = scenario.airspace();
-        let has_place = |position: &Position| {
-            airspace.is_open()
-                || airspace.has_grid()
-                || within(&airspace.nearest(position), position, BESIDE_ZONES * in_range_m)
-        };
+        let in_range_m = scenario.link.comm_radius_m * (1.0 + LENGTH_MARGIN);
+        let kinds: Vec<FirstFlight> = scenario.kinds().map(|kind| FirstFlight::of(&kind)).collect();
+        let blocks = scenario.kinds().map(|kind| kind.link.resource_blocks * kind.uav.uavs()).sum();
         let mut beyond_buffers_bits = 0;
         let bits = |id: u32| {
-            let away_m2 = starts.iter().map(|start| distance_squared(start, sensors.position(id)));
-            let away_m = away_m2.fold(f64::INFINITY, f64::min).sqrt();
-            let slots = fewest_slots(scenario.farthest_m(), away_m - in_range_m);
+            let position = sensors.position(id);
+            let able = kinds.iter().filter(|kind| kind.has_place(position, in_range_m));
+            let slots = able.map(|kind| kind.slots(position, in_range_m)).reduce(f64::min);
             SensorBits {
                 sampler: sensors.sampler(id),
                 drawn_bits: sensors.sampling.is_drawn().then(|| {
@@ -110,20 +107,44 @@ impl FieldBits {
                     bits
                 }),
                 queue_bits: queues_bits[id as usize],
-                first_slot: has_place(sensors.position(id)).then_some((slots as u64).max(1)),
+                first_slot: slots.map(|slots| (slots as u64).max(1)),
             }
         };
-        Self {
-            sensors: ids.map(bits).collect(),
-            slots: scenario.slots,
-            blocks: scenario.link.resource_blocks * scenario.uav.uavs(),
-            beyond_buffers_bits,
-        }
+        Self { sensors: ids.map(bits).collect(), slots: scenario.slots, blocks, beyond_buffers_bits }
     }
 
     /// The largest buffer [bit].
     pub fn capacity_bits(&self) -> u64 {
         self.sensors.iter().map(|sensor| sensor.sampler.capacity_bits).max().unwrap_or(0).into()
+    }
+}
+
+/// How soon the UAVs of a kind are in range of a sensor node.
+struct FirstFlight {
+    starts: Vec<Position>,
+    /// Farthest flight in a slot [m].
+    farthest_m: f64,
+    airspace: Airspace,
+}
+
+impl FirstFlight {
+    fn of(scenario: &Scenario) -> Self {
+        let starts = scenario.starts().map(|start| start.xy()).collect();
+        Self { starts, farthest_m: scenario.farthest_m(), airspace: scenario.airspace() }
+    }
+
+    /// Whether zones leave a place within `in_range_m` [m] of `position`.
+    fn has_place(&self, position: &Position, in_range_m: f64) -> bool {
+        self.airspace.is_open()
+            || self.airspace.has_grid()
+            || within(&self.airspace.nearest(position), position, BESIDE_ZONES * in_range_m)
+    }
+
+    /// The fewest slots until one of them is within `in_range_m` [m] of `position`.
+    fn slots(&self, position: &Position, in_range_m: f64) -> f64 {
+        let away_m2 = self.starts.iter().map(|start| distance_squared(start, position));
+        let away_m = away_m2.fold(f64::INFINITY, f64::min).sqrt();
+        fewest_slots(self.farthest_m, away_m - in_range_m)
     }
 }
 

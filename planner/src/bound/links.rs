@@ -7,11 +7,10 @@
 
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::random::Streams;
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, UavKeys};
 use skysink_common::sensors::Sensors;
 
-/// Relative margin on rates and altitudes, so that rounding does not put a bound below a flown link.
-const ROUNDING: f64 = 1e-9;
+use super::margins::RELATIVE_MARGIN;
 
 /// Most draws that are evaluated; with more, the best draw is assumed.
 const MOST_DRAWS: u64 = 20_000_000;
@@ -23,11 +22,30 @@ pub struct BestLinks {
     streams: Streams,
     /// Sensor nodes (SNs) by their ids, with their gains, and the highest levels of a map.
     sensors: Vec<(u32, f64, f64)>,
-    altitude_m: f64,
-    /// Farthest descent in a slot [m]; 0 at a fixed altitude.
-    descent_m: f64,
-    lowest_m: f64,
+    /// Of the kinds of UAVs.
+    descents: Vec<Descent>,
     are_drawn: bool,
+}
+
+/// How low a UAV flies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Descent {
+    /// Altitude before slot 1 [m].
+    start_m: f64,
+    /// Farthest descent in a slot [m]; 0 at a fixed altitude.
+    slot_m: f64,
+    lowest_m: f64,
+}
+
+impl Descent {
+    fn of(uav: &UavKeys, slot_s: f64) -> Self {
+        let climb = uav.climb();
+        Self {
+            start_m: uav.altitude_m,
+            slot_m: climb.map_or(0.0, |climb| climb.max_climb_mps * slot_s),
+            lowest_m: climb.map_or(uav.altitude_m, |climb| climb.min_altitude_m),
+        }
+    }
 }
 
 impl BestLinks {
@@ -44,50 +62,50 @@ impl BestLinks {
         let level =
             |id: u32| channel.map().map_or(f64::INFINITY, |model| model.map.highest_level(sensors.position(id)));
         let sensors: Vec<_> = ids.map(|id| (id, sensors.gains[id as usize], level(id))).collect();
-        let climb = scenario.uav.climb();
+        let mut descents: Vec<Descent> = scenario.uav_kinds().map(|uav| Descent::of(uav, scenario.slot_s)).collect();
+        descents.dedup();
         let draws = (sensors.len() as u64).saturating_mul(scenario.slots);
-        Self {
-            channel,
-            streams: Streams::new(scenario.seed),
-            sensors,
-            altitude_m: scenario.uav.altitude_m,
-            descent_m: climb.map_or(0.0, |climb| climb.max_climb_mps * scenario.slot_s),
-            lowest_m: climb.map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m),
-            are_drawn: draws <= MOST_DRAWS,
-        }
+        Self { channel, streams: Streams::new(scenario.seed), sensors, descents, are_drawn: draws <= MOST_DRAWS }
     }
 
     /// Whole bits that the link of the SN at `index` carries in `slot` at most.
     pub fn best_bits(&self, slot: u64, index: usize) -> u64 {
         let (id, gain, level) = self.sensors[index];
-        let uplink = Uplink { level, ..self.above(slot, gain) };
-        let rate_bps = if self.are_drawn {
-            self.channel.best_drawn_rate_bps(&uplink, &self.streams, slot, id)
-        } else {
-            self.channel.best_rate_bps(&uplink)
+        let rate_bps = |descent: &Descent| {
+            let uplink = Uplink { level, ..self.above(descent, slot, gain) };
+            if self.are_drawn {
+                self.channel.best_drawn_rate_bps(&uplink, &self.streams, slot, id)
+            } else {
+                self.channel.best_rate_bps(&uplink)
+            }
         };
-        self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING))
+        let best_bps = self.descents.iter().map(rate_bps).fold(0.0, f64::max);
+        self.channel.capacity_bits(best_bps * (1.0 + RELATIVE_MARGIN))
     }
 
     /// By slot: upper bound on the expected bits, before the draw, that any link carries of a queue of `queue_bits`.
     pub fn expected_bits(&self, queue_bits: u64) -> impl FnMut(u64) -> f64 {
         let carried_bits =
-            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
+            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + RELATIVE_MARGIN)).min(queue_bits) as f64;
         let highest_gain = self.sensors.iter().map(|(_, gain, _)| *gain).fold(0.0, f64::max);
-        let mut last: Option<(Uplink, f64)> = None; // in most slots the lowest altitude is that of the slot before
+        // In most slots the lowest altitude is that of the slot before.
+        let mut last: Vec<Option<(Uplink, f64)>> = vec![None; self.descents.len()];
         move |slot| {
-            let uplink = self.above(slot, highest_gain);
-            let known = last.filter(|(same, _)| *same == uplink);
-            let (_, bits) = *last
-                .insert(known.unwrap_or_else(|| (uplink, self.channel.best_mean_over_draws(&uplink, &carried_bits))));
-            bits
+            let of_kind = |(descent, last): (&Descent, &mut Option<(Uplink, f64)>)| {
+                let uplink = self.above(descent, slot, highest_gain);
+                let known = last.filter(|(same, _)| *same == uplink);
+                let mean_bits = || self.channel.best_mean_over_draws(&uplink, &carried_bits);
+                let (_, bits) = *last.insert(known.unwrap_or_else(|| (uplink, mean_bits())));
+                bits
+            };
+            self.descents.iter().zip(&mut last).map(of_kind).fold(0.0, f64::max)
         }
     }
 
-    /// The uplink from straight above at the lowest altitude that can be reached by the end of `slot`.
-    fn above(&self, slot: u64, gain: f64) -> Uplink {
-        let reached_m = self.altitude_m - self.descent_m * slot as f64;
-        self.channel.uplink_at(gain, 0.0, reached_m.max(self.lowest_m) * (1.0 - ROUNDING))
+    /// The uplink from straight above at the lowest altitude that a UAV can reach by the end of `slot`.
+    fn above(&self, descent: &Descent, slot: u64, gain: f64) -> Uplink {
+        let reached_m = descent.start_m - descent.slot_m * slot as f64;
+        self.channel.uplink_at(gain, 0.0, reached_m.max(descent.lowest_m) * (1.0 - RELATIVE_MARGIN))
     }
 }
 
@@ -124,7 +142,7 @@ mod tests {
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let links = BestLinks::new(&scenario, &Sensors::of(&scenario, &[]));
         for (slot, lowest_m) in [(0, 60.0), (1, 52.0), (2, 45.0), (3, 45.0)] {
-            let above_m = links.above(slot, 1.0).z_m;
+            let above_m = links.above(&links.descents[0], slot, 1.0).z_m;
             // Never above it, so that rounding does not put the bound below a flown link.
             assert!(above_m <= lowest_m && above_m > lowest_m * (1.0 - 1e-8), "slot {slot}: {above_m} m");
         }

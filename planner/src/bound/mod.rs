@@ -12,6 +12,7 @@
 pub mod collect;
 pub mod field_bits;
 pub mod links;
+mod margins;
 pub mod paths;
 pub mod throughput;
 pub mod visits;
@@ -115,7 +116,7 @@ pub fn cost_bound(scenario: &Scenario, sensors: &Sensors, objective: &ObjectiveW
     if costs.is_by_bits() {
         return of_loss;
     }
-    let paths = PathBound::new(&MissionTable::new(scenario, Arc::new(sensors.clone())));
+    let paths = PathBound::new(&bounding_table(scenario, Arc::new(sensors.clone())));
     let most = |slots: u64| paths.most(slots).saturating_mul(scenario.uav.uavs());
     of_loss + costs.least_of_ages(sensors.ids().map(factor).collect(), scenario.slots, most)
 }
@@ -136,7 +137,18 @@ fn by_blocks_and_paths(scenario: &Scenario, field: &FieldBits, sensors: &Sensors
     }
     let ids: Vec<u32> = sensors.sampling_ids().collect();
     let sampling = sensors.subset(&ids, |positions| Grid::new(positions, scenario.link.comm_radius_m));
-    let paths = PathBound::new(&MissionTable::new(scenario, Arc::new(sampling)));
+    let paths = PathBound::new(&bounding_table(scenario, Arc::new(sampling)));
     let uavs = scenario.uav.uavs();
     by_blocks.max(visits::by_visits(field, |slots| paths.most(slots).saturating_mul(uavs)))
+}
+
+/// The table of a mission for bounds on paths: its UAV flies as far in a slot, and serves as many sensor nodes, as any.
+#[must_use]
+pub fn bounding_table(scenario: &Scenario, sensors: Arc<Sensors>) -> MissionTable {
+    let mut table = MissionTable::new(scenario, sensors);
+    for kind in scenario.kinds() {
+        table.farthest_m = table.farthest_m.max(kind.farthest_m());
+        table.limits.resource_blocks = table.limits.resource_blocks.max(kind.link.resource_blocks as u32);
+    }
+    table
 }

@@ -34,8 +34,8 @@ const HALVINGS: u32 = 14;
 /// Most sensors whose paths are bounded: there are O(N²) legs.
 const MOST_SENSORS: usize = 1_000;
 
-/// Margin against rounding up to the next slot.
-const ROUNDING: f64 = 1e-6;
+/// Margin of the number of sensors that a set of cuts bounds, against rounding up to the next one.
+const COUNT_MARGIN: f64 = 1e-6;
 
 /// Upper bound on the sensors served in some slots.
 #[derive(Debug, Clone, PartialEq)]
@@ -138,7 +138,7 @@ impl PathBound {
     fn raise(&mut self, reward: f64, best: &BestSet, ends_slots: f64) {
         for (index, weight) in self.weights.iter_mut().enumerate().skip(1) {
             let bound = reward * (index + 1) as f64 - best.value - ends_slots;
-            *weight = weight.max((bound - ROUNDING).ceil());
+            *weight = weight.max((bound - COUNT_MARGIN).ceil());
         }
     }
 

@@ -1,9 +1,7 @@
 //! Bound on the loss by throughput: in each slot at most n links carry at most their capacities.
 
 use super::field_bits::FieldBits;
-
-/// Relative margin on a sum of expectations against rounding.
-const ROUNDING: f64 = 1e-9;
+use super::margins::RELATIVE_MARGIN;
 
 /// Lower bound on the loss [bit] of every flight, if the link of the sensor node `sensor` of the field carries at most
 /// `link_bits(slot, sensor)` [bit].
@@ -47,7 +45,7 @@ pub fn by_expected_throughput(field: &FieldBits, mut expected_bits: impl FnMut(u
         let reached = first_slots.partition_point(|first| *first <= slot);
         carried_bits += expected_bits(slot) * reached.min(field.blocks) as f64;
     }
-    ((excess_bits as f64) * (1.0 - ROUNDING) - carried_bits * (1.0 + ROUNDING)).max(0.0)
+    ((excess_bits as f64) * (1.0 - RELATIVE_MARGIN) - carried_bits * (1.0 + RELATIVE_MARGIN)).max(0.0)
 }
 
 /// The SNs that overflow if never served, by index, and the bits that they hold and sample in the mission beyond their

@@ -13,14 +13,15 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
-use skysink_common::message::{FlightReport, HeardLink, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::{Coordination, Scenario};
 use skysink_common::sensors::Sensors;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
+use skysink_common::told::{Sensed, Told};
 use toml::Value;
 
-use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit, ReservationTable};
 use crate::operator_counts::OperatorCounts;
 use crate::planner::Planner;
@@ -79,8 +80,9 @@ struct Member {
 struct Subfield {
     /// The id of each in the mission, ascending.
     ids: Vec<u32>,
-    /// Their queues [bit]; working memory.
+    /// Their queues [bit], and their answers; working memory.
     queues_bits: Vec<u32>,
+    answers: Vec<Answer>,
 }
 
 impl Subfield {
@@ -89,11 +91,15 @@ impl Subfield {
         self.ids.binary_search(&id).ok().map(|number| number as u32)
     }
 
-    /// The queues of its SNs [bit].
-    fn select(&mut self, queues_bits: &[u32]) -> &[u32] {
+    /// What is told of its SNs.
+    fn select(&mut self, told: Told<'_>) -> Told<'_> {
         self.queues_bits.clear();
-        self.queues_bits.extend(self.ids.iter().map(|&id| queues_bits[id as usize]));
-        &self.queues_bits
+        self.queues_bits.extend(self.ids.iter().map(|&id| told.queues_bits[id as usize]));
+        self.answers.clear();
+        if !told.answers.is_empty() {
+            self.answers.extend(self.ids.iter().map(|&id| told.answer(id)));
+        }
+        Told::new(&self.queues_bits, &self.answers)
     }
 
     /// The flight with the links to its SNs, by their numbers.
@@ -135,7 +141,7 @@ impl FleetPlanner {
         let mut planners = Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)?;
         if *has_path && planners.members.len() > 1 && planners.coordination == Coordination::Sequential {
             let slots: Vec<u64> = planners.members.iter().map(|member| member.last).collect();
-            planners.claims = partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+            planners.claims = partition::pieces(scenario, sensors, &slots, stop);
         }
         Ok(planners)
     }
@@ -160,11 +166,11 @@ impl FleetPlanner {
         let separation_m = reservations.nothing(scenario.slots).separation_m;
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
-        let cut = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+        let cut = || partition::pieces(scenario, sensors, &slots, stop);
         let mut parts = (coordination == Coordination::Partition).then(cut).into_iter().flatten();
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let member = |(uav, alone): (usize, &Scenario)| {
-            let subfield = parts.next().map(|ids| Subfield { ids, queues_bits: Vec::new() });
+            let subfield = parts.next().map(|ids| Subfield { ids, queues_bits: Vec::new(), answers: Vec::new() });
             let nodes = |subfield: &Subfield| subfield.ids.iter().map(|&id| sensors[id as usize]).collect();
             let own: Option<Vec<SensorNode>> = subfield.as_ref().map(nodes);
             let own = Arc::new(Sensors::of(alone, own.as_deref().unwrap_or(sensors)));
@@ -199,50 +205,45 @@ impl FleetPlanner {
         &self.members[0].planner.stop
     }
 
-    /// Takes in what the UAVs hear at the end of a slot, by UAV and SN, in every slot before [`Self::observe`].
-    pub fn hear(&mut self, links: &[HeardLink]) {
-        for (Member { planner, subfield, .. }, uav) in self.members.iter_mut().zip(0..) {
-            let own = links.iter().filter(|link| link.uav == uav);
-            match subfield {
-                Some(subfield) => {
-                    let own = own.filter_map(|link| Some(HeardLink { sensor: subfield.number(link.sensor)?, ..*link }));
-                    planner.hear(own);
-                }
-                None => planner.hear(own.copied()),
-            }
-        }
-    }
-
-    /// Observes the flights of `slot`, and the queues after it [bit], by id ([`Planner::observe`]). UAVs that plan on
-    /// their own have only their own contacts.
+    /// Observes the flights of a slot, what is told after it, and what the UAVs receive ([`Planner::observe`]). UAVs
+    /// that plan on their own have only their own contacts.
     ///
     /// # Panics
     /// If there is not one flight for each UAV.
-    pub fn observe(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) {
+    pub fn observe(&mut self, sensed: &Sensed<'_>) {
+        let Sensed { slot, flights, told, received } = *sensed;
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        for (Member { planner, subfield, .. }, flight) in self.members.iter_mut().zip(flights) {
+        for (uav, (Member { planner, subfield, .. }, flight)) in self.members.iter_mut().zip(flights).enumerate() {
             match (subfield, self.coordination) {
                 (Some(subfield), _) => {
+                    planner.receive(received, uav, |id| subfield.number(id));
                     let own = subfield.numbered(flight);
-                    planner.observe(slot, &own, subfield.select(queues_bits));
+                    planner.observe(slot, &own, subfield.select(told));
                 }
-                (None, Coordination::Independent) => planner.observe(slot, flight, queues_bits),
-                (None, _) => planner.observe_with(slot, flight, flights, queues_bits),
+                (None, coordination) => {
+                    planner.receive(received, uav, Some);
+                    let is_alone = coordination == Coordination::Independent;
+                    let known = if is_alone { std::slice::from_ref(flight) } else { flights };
+                    planner.observe_with(slot, flight, known, told);
+                }
             }
         }
     }
 
-    /// Plans `slot` from where the UAVs are after `flights`, and the queues `B_i(t−1)` [bit], by id
-    /// ([`Planner::step`]). The plans have the time that each of them took.
+    /// Plans the slot after that of `sensed` from where the UAVs are after its flights, and the queues `B_i(t−1)` and
+    /// answers that are told ([`Planner::step`]). The plans have the time that each of them took. What the UAVs receive
+    /// is that of the last [`Self::observe`].
     ///
     /// # Panics
     /// If there is not one flight for each UAV.
     #[must_use]
-    pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
+    pub fn step(&mut self, sensed: &Sensed<'_>) -> ByUav<Plan> {
+        let Sensed { flights, told, .. } = *sensed;
+        let slot = sensed.slot + 1;
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
         let begin = Instant::now();
         let duties = self.duties(slot, flights);
-        self.begin_slot(slot, flights, queues_bits, &duties);
+        self.begin_slot(slot, flights, told, &duties);
         let Self { members, coordination, reservations, intents, shared, .. } = self;
         let is_sequential = *coordination == Coordination::Sequential;
         let before = begin.elapsed() / members.len() as u32; // at most MAX_UAVS
@@ -252,18 +253,18 @@ impl FleetPlanner {
             let begin = Instant::now();
             shared.tell(uav, intents);
             let scheduled: &[u32] = if is_sequential { &shared.scheduled } else { &[] };
-            let told = is_sequential.then_some(&shared.intents[..]);
+            let intended = is_sequential.then_some(&shared.intents[..]);
             let reserved = reservations.others_of(&planner.table, slot, uav, *endurance);
-            let neighbours = Neighbours { uav, flights, scheduled, intents: told, reservations: reserved };
+            let neighbours = Neighbours { uav, flights, scheduled, intents: intended, reservations: reserved };
             let neighbours = Some(&neighbours).filter(|_| *coordination != Coordination::Independent);
-            let own_bits = subfield.as_mut().map_or(queues_bits, |subfield| subfield.select(queues_bits));
-            let mut plan = planner.plan(slot, flight.position(), own_bits, duties[uav], neighbours);
+            let own = subfield.as_mut().map_or(told, |subfield| subfield.select(told));
+            let mut plan = planner.plan(slot, flight.position(), own, duties[uav], neighbours);
             subfield.iter().for_each(|subfield| plan.renumber(&subfield.ids));
             if is_sequential {
                 intents[uav].clear();
                 if duties[uav] == Duty::Mission {
                     let intending = neighbours.expect("they talk");
-                    planner.visits(slot, flight.position(), queues_bits, intending, &mut intents[uav]);
+                    planner.visits(slot, flight.position(), told, intending, &mut intents[uav]);
                 }
             }
             plan.plan_ns = u64::try_from((before + begin.elapsed()).as_nanos()).unwrap_or(u64::MAX);
@@ -273,7 +274,7 @@ impl FleetPlanner {
         }
         if is_sequential {
             for member in members {
-                member.planner.await_reports(slot, &shared.scheduled, queues_bits);
+                member.planner.await_reports(slot, &shared.scheduled, told);
             }
         }
         plans
@@ -290,7 +291,7 @@ impl FleetPlanner {
     }
 
     /// Takes down where the UAVs are, and what they plan to serve before they plan `slot`.
-    fn begin_slot(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32], duties: &[Duty]) {
+    fn begin_slot(&mut self, slot: u64, flights: &[FlightReport], told: Told<'_>, duties: &[Duty]) {
         let Self { members, coordination, reservations, claims, intents, shared } = self;
         let is_first = members[0].planner.slot() == 0;
         shared.scheduled.clear();
@@ -303,7 +304,7 @@ impl FleetPlanner {
             } else if *coordination == Coordination::Sequential && duties[uav] == Duty::Mission {
                 let reservations = reservations.nothing(*endurance);
                 let neighbours = Neighbours { uav, flights, scheduled: &[], intents: Some(&[]), reservations };
-                planner.visits(slot, flights[uav].position(), queues_bits, &neighbours, planned);
+                planner.visits(slot, flights[uav].position(), told, &neighbours, planned);
             }
         }
         reservations.begin(members.iter().zip(flights).map(|(member, flight)| {
@@ -314,10 +315,12 @@ impl FleetPlanner {
         }));
     }
 
-    /// Takes in that `plans`, one for each UAV, are flown in `slot` instead of those of the last [`Self::step`]. The
-    /// queues are those before the slot [bit], by id.
-    pub fn follow(&mut self, slot: u64, plans: &[Plan], queues_bits: &[u32]) {
-        let is_known = |id: &u32| (*id as usize) < queues_bits.len();
+    /// Takes in that `plans`, one for each UAV, are flown in the slot after that of `sensed` instead of those of the
+    /// last [`Self::step`].
+    pub fn follow(&mut self, sensed: &Sensed<'_>, plans: &[Plan]) {
+        let slot = sensed.slot + 1;
+        let told = sensed.told;
+        let is_known = |id: &u32| (*id as usize) < told.queues_bits.len();
         let scheduled_by = |plan: &Plan| plan.scheduled().iter().copied().filter(is_known).collect::<Vec<u32>>();
         let all: Vec<u32> = plans.iter().flat_map(scheduled_by).collect();
         for (Member { planner, subfield, .. }, plan) in self.members.iter_mut().zip(plans) {
@@ -325,10 +328,10 @@ impl FleetPlanner {
             match subfield {
                 Some(subfield) => {
                     let own: Vec<u32> = own.into_iter().filter_map(|id| subfield.number(id)).collect();
-                    planner.await_reports(slot, &own, subfield.select(queues_bits));
+                    planner.await_reports(slot, &own, subfield.select(told));
                 }
-                None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, queues_bits),
-                None => planner.await_reports(slot, &own, queues_bits),
+                None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, told),
+                None => planner.await_reports(slot, &own, told),
             }
         }
     }
@@ -377,11 +380,11 @@ fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
     }
     // Into the base one after the other, those of lower number first, which those of higher number await beyond the
     // distance.
-    let each = (separation_m / scenario.move_m()) as u64; // saturates
+    let each = (separation_m / alone.move_m()) as u64; // saturates
     let behind = (scenario.uav.uavs() - 1 - uav) as u64;
     let moves = if each > 0 { each.saturating_add(SPARE_MOVES).saturating_mul(behind) } else { 0 };
     let early = |moves: u64| {
-        let slots = alone.slots.saturating_sub(moves.saturating_mul(scenario.move_slots())).max(1);
+        let slots = alone.slots.saturating_sub(moves.saturating_mul(alone.move_slots())).max(1);
         Some(Scenario { slots, ..alone.clone() }).filter(|early| settings::check(early).is_ok())
     };
     let found = early(moves.saturating_add(SPARE_MOVES)).or_else(|| early(SPARE_MOVES));

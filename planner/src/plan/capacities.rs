@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use skysink_common::channel::{ChannelModel, Uplink};
+use skysink_common::interpolation::interpolate;
 use skysink_common::scenario::Scenario;
 
 use crate::mission_table::MissionTable;
@@ -56,7 +57,7 @@ pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) ->
         (low_m, altitude_bits(low_m, true))
     } else {
         let nearest = nearest_by_entry(table, scenario.link.comm_radius_m);
-        let levels_m = (0..=LEVELS).map(|level| low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS));
+        let levels_m = (0..=LEVELS).map(|level| interpolate(low_m, high_m, f64::from(level) / f64::from(LEVELS)));
         let levels = levels_m.map(|z_m| {
             let bits = altitude_bits(z_m, true);
             let taken_bits = bits.iter().zip(&nearest).map(|(bits, count)| bits * count).sum::<f64>();

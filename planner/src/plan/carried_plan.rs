@@ -8,6 +8,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Uncertainty;
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::FlightReport;
+use skysink_common::nodes::Answer;
 use skysink_common::random::Streams;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
@@ -182,8 +183,9 @@ impl<O: Objective<Style: PlanStyle<O>>> CarriedPlan<O> {
         if view.table.sensors.may_refuse {
             let weights = &self.model.table.sensors.weights;
             for (index, (sensor, &id)) in self.model.sensors.iter_mut().zip(&self.model.ids).enumerate() {
-                sensor.is_dead = view.table.is_dead(id);
-                sensor.weight = if view.table.is_out(id) { 0.0 } else { weights.factor(index) };
+                let answer = view.answer(id);
+                sensor.is_dead = answer == Answer::Dead;
+                sensor.weight = if answer.sends() { weights.factor(index) } else { 0.0 };
                 sensor.cost_bits = sensor.weight * sensor.mean_bits;
             }
             let first = self.stops.first().copied();

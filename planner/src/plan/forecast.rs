@@ -14,8 +14,8 @@
 //! ```
 //!
 //! Of the sensors those count that the plan or the change visits in the flown part, and those of the repeated part if
-//! it is shifted: see [`Timelines`](super::timelines::Timelines). Where plans hover, legs depend on the buffers: all that
-//! follows a change is flown, from the last of the stored [`States`](super::states::States) before it on.
+//! it is shifted: see [`Timelines`](super::timelines::Timelines). Where plans hover, legs depend on the buffers: all
+//! that follows a change is flown, from the last of the stored [`States`](super::states::States) before it on.
 
 use std::fmt::Debug;
 
@@ -41,8 +41,8 @@ pub struct Change {
     more_j: f64,
 }
 
-/// The stops of a changed plan from leg `start` of the old plan on: its stops up to the change, those that are inserted,
-/// and its stops from `to` on.
+/// The stops of a changed plan from leg `start` of the old plan on: its stops up to the change, those that are
+/// inserted, and its stops from `to` on.
 struct ChangedStops<'a> {
     start: usize,
     /// Stops before the change.

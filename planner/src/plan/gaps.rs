@@ -2,7 +2,7 @@
 
 use super::in_passing::InPassing;
 use super::loss::Loss;
-use super::objective::{Objective, ROUNDING, Reached};
+use super::objective::{EQUAL_SLOTS, Objective, Reached};
 use super::sensor::SensorModel;
 use crate::gap_costs::GapCosts;
 
@@ -98,7 +98,7 @@ impl Objective for Gaps {
     fn agree(sensor: &SensorModel, now: &Reached<GapLevel>, then: &Reached<GapLevel>) -> bool {
         let age = |reached: &Reached<GapLevel>| reached.slot - reached.level.last;
         let buffer = |reached: &Reached<GapLevel>| Reached { slot: reached.slot, level: reached.level.empty };
-        (age(now) - age(then)).abs() <= ROUNDING
+        (age(now) - age(then)).abs() <= EQUAL_SLOTS
             && (sensor.costs.is_by_visits() || Loss::agree(sensor, &buffer(now), &buffer(then)))
     }
 

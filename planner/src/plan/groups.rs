@@ -36,7 +36,7 @@ const TEMPERATURES: [f64; 2] = [0.3, 0.015];
 const FILL: f64 = 1.0 - 1e-9;
 
 /// Energies that differ by less are equal up to rounding.
-const ROUNDING: f64 = 1e-9;
+const EQUAL_ENERGY: f64 = 1e-9;
 
 /// A stop of a plan, also in checkpoints: its fields and their order are those of their bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -191,10 +191,10 @@ impl Partition<'_> {
             self.groups[to].clone_from(&changed[1]);
             changed[0].iter().for_each(|&member| self.home[member as usize] = from);
             self.home[sensor as usize] = to;
-            if energy < best - ROUNDING {
+            if energy < best - EQUAL_ENERGY {
                 best = energy;
                 best_groups.clone_from(&self.groups);
-                if best <= least + ROUNDING {
+                if best <= least + EQUAL_ENERGY {
                     break;
                 }
             }

@@ -1,7 +1,7 @@
 //! The objective of least loss: the bits that overflow.
 
 use super::in_passing::InPassing;
-use super::objective::{Objective, ROUNDING, Reached};
+use super::objective::{EQUAL_SLOTS, Objective, Reached};
 use super::sensor::SensorModel;
 use crate::bound::window::{WindowField, WindowSensor};
 
@@ -96,7 +96,7 @@ impl Objective for Loss {
         let has_begun = sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0 || sensor.noise_slots2 > 0.0;
         // What is uncertain from before the window on counts from its beginning, not from a visit.
         let are_apart = now.slot != then.slot && now.level <= 0.0 || (now.level <= 0.0) != (then.level <= 0.0);
-        !((own - before).abs() > ROUNDING || has_begun && are_apart)
+        !((own - before).abs() > EQUAL_SLOTS || has_begun && are_apart)
     }
 
     fn least(sensors: &[SensorModel], levels: &[f64], slots: i32, blocks: usize) -> f64 {

@@ -91,7 +91,7 @@ impl PlanModel {
         let scenario = &*O::Style::scenario(scenario);
         let is_included =
             |id: &u32| O::Style::includes(mission, *id) && mission.home.may_serve(mission.sensors.position(*id));
-        let ids: Vec<u32> = mission.servable().filter(is_included).collect();
+        let ids: Vec<u32> = mission.reachable().filter(is_included).collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
         let has_sampling = table.sensors.sampling_ids().next().is_some();

@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use super::sensor::SensorModel;
 
 /// States that differ by less [slots] are equal up to rounding.
-pub(super) const ROUNDING: f64 = 1e-9;
+pub(super) const EQUAL_SLOTS: f64 = 1e-9;
 
 /// An objective of plans. Costs are in units of its own, of each sensor, times the sensor's price.
 pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {

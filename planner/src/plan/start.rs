@@ -18,7 +18,7 @@ const FIRST_POINTS: usize = 4;
 const FIRST_POSITIONS: usize = 8;
 
 /// Slack of the worth of stops that are compared, relative to it.
-const ROUNDING: f64 = 1e-12;
+const WORTH_SLACK: f64 = 1e-12;
 
 /// Loads the best of several initial plans: a greedy one, and repeated rounds over single sensors and over groups, in
 /// both directions.
@@ -78,7 +78,7 @@ pub fn extend<O: Objective<Style: ForecastStyle<O, Store = Timelines<O>>>>(
                 let now = f64::from(slot) + least;
                 members.iter().map(|&member| waited_bits(member, now, levels[member as usize])).sum::<f64>() / least
             };
-            if best.is_some_and(|(most, ..)| most_worth() < most * (1.0 - ROUNDING)) {
+            if best.is_some_and(|(most, ..)| most_worth() < most * (1.0 - WORTH_SLACK)) {
                 continue;
             }
             let slots = model.table.motion.slots_into(&at, model.disk(stop));

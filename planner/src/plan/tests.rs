@@ -9,6 +9,7 @@ use skysink_common::channel::Uplink;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::told::Heard;
 
 use super::anneal::{Cooling, SearchSteps, anneal};
 use super::carried_plan::CarriedPlan;
@@ -425,7 +426,7 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
         true,
         &Stop::default(),
     );
-    let channel = model.table.channel;
+    let channel = &model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
     let los = channel.line_of_sight().unwrap();
@@ -543,7 +544,7 @@ fn learnt_rates_replace_the_prior() {
             belief,
             table,
             timing: Timing::Free,
-            links: None,
+            heard: &Heard::NOTHING,
             neighbours: None,
             stop,
         });

@@ -55,12 +55,6 @@ impl Home {
         self.way().is_none_or(|way| way.may_serve(sensor))
     }
 
-    /// Slots for the way home after `slot`.
-    #[inline]
-    pub fn left_after(&self, slot: u64) -> u64 {
-        self.way().map_or(u64::MAX, |way| way.left_after(slot))
-    }
-
     /// [`WayHome::is_in_reach`].
     pub fn is_in_reach(&self, slot: u64, energy_j: f64, ground: &Position) -> bool {
         self.way().is_none_or(|way| way.is_in_reach(slot, energy_j, ground))

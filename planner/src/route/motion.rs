@@ -9,13 +9,11 @@ use skysink_common::base::Base;
 use skysink_common::battery::Battery;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
+use skysink_common::slack::SLOTS_SLACK;
 use smallvec::SmallVec;
 
 use super::route::{Route, RoutePart};
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between, toward};
-
-/// Slack of a number of slots, so that rounding adds none.
-pub(crate) const SLACK_SLOTS: f64 = 1e-9;
 
 /// Most slots of a route; no mission has more.
 pub(crate) const MOST_SLOTS: u32 = 1_000_000_000;
@@ -158,7 +156,7 @@ impl Motion {
         let end = *path.last()?;
         let bent = self.airspace.bent_part(from, path, self.reach_m);
         let rest_m = (end - bent.last().unwrap_or(from)).norm();
-        let mut slots = (rest_m / self.reach_m - SLACK_SLOTS).ceil().max(0.0);
+        let mut slots = (rest_m / self.reach_m - SLOTS_SLACK).ceil().max(0.0);
         if bent.is_empty() && slots == 0.0 {
             slots = self.move_slots() as f64; // a hover takes as many
         }
@@ -173,7 +171,7 @@ impl Motion {
     /// there is none.
     pub fn thrifty(&self, from: &Position, end: &Position, left: u64) -> Option<Route> {
         let path = self.airspace.way(from, end);
-        let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
+        let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLOTS_SLACK).ceil().max(0.0);
         let begins = std::iter::once(from).chain(&path);
         let lengths_m: SmallVec<[f64; 4]> = begins.zip(&path).map(|(begin, end)| (end - begin).norm()).collect();
         let fastest = lengths_m.iter().map(|length_m| slots(*length_m, self.reach_m)).sum::<f64>();

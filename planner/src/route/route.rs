@@ -2,6 +2,7 @@
 
 use skysink_common::battery::Battery;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
 use smallvec::SmallVec;
 
 /// A straight part of a route, flown in equal steps.
@@ -75,7 +76,7 @@ impl Route {
         let mut left = slot;
         for part in &self.parts {
             if left < part.slots {
-                return from + (part.end - from) * (f64::from(left) / f64::from(part.slots));
+                return interpolate(*from, part.end, f64::from(left) / f64::from(part.slots));
             }
             left -= part.slots;
             from = &part.end;

@@ -246,18 +246,25 @@ impl WayHome {
     }
 
     /// For each of several bases the slots from `slot` on before it has a pad for the UAV number `uav` (decision D34).
-    /// Of those with lower numbers, which come first, the ones that are there as their last `flights` say stay until
-    /// they are charged; those that have yet to come are not known. Empty if no site makes it wait.
+    /// Those that have begun a swap come first, then those of lower numbers: the ones that are there as their last
+    /// `flights` say stay until they are charged; those that have yet to come are not known. Empty if no site makes it
+    /// wait.
     pub fn pad_waits(&self, slot: u64, uav: usize, flights: &[FlightReport]) -> Vec<u64> {
+        let is_in = |flight: &FlightReport, number: usize| {
+            flight.flown_mode() == Mode::Charge && self.base.site_at(&flight.position().xy()) == Some(number)
+        };
         let wait = |(number, site): (usize, &BaseSite)| {
+            if flights.get(uav).is_some_and(|own| own.swapped_slots > 0 && is_in(own, number)) {
+                return 0;
+            }
+            let there = || flights.iter().enumerate().filter(|(_, other)| is_in(other, number));
+            let swapping = there().filter(|(other, flight)| *other != uav && flight.swapped_slots > 0);
+            let lower = there().filter(|(other, flight)| *other < uav && flight.swapped_slots == 0);
             let mut pads = vec![0; site.charger.pads as usize];
-            for lower in flights.iter().take(uav).filter(|lower| lower.flown_mode() == Mode::Charge) {
-                let ground = lower.position().xy();
-                if self.base.site_at(&ground) == Some(number) {
-                    let stay = self.charging_slots(slot, lower.energy_j, &ground);
-                    let stay = stay.saturating_sub(lower.swapped_slots().min(stay.saturating_sub(1)));
-                    *pads.iter_mut().min().expect("a site has a pad") += stay;
-                }
+            for (_, other) in swapping.chain(lower) {
+                let stay = self.charging_slots(slot, other.energy_j, &other.position().xy());
+                let stay = stay.saturating_sub(u64::from(other.swapped_slots).min(stay.saturating_sub(1)));
+                *pads.iter_mut().min().expect("a site has a pad") += stay;
             }
             pads.into_iter().min().unwrap_or_default()
         };
@@ -400,11 +407,12 @@ mod tests {
     }
 
     #[test]
-    fn a_uav_waits_for_a_pad_as_long_as_lower_numbers_charge() {
+    fn a_uav_waits_for_a_pad_as_long_as_swaps_and_lower_numbers_take() {
         let home = two_sites();
-        let stay = |x_m: f64, energy_j: f64, swapped: u64| {
-            let report = FlightReport { energy_j, ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge) };
-            report.swapping(swapped)
+        let stay = |x_m: f64, energy_j: f64, swapped_slots: u32| FlightReport {
+            energy_j,
+            swapped_slots,
+            ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge)
         };
         let flights = [
             stay(50.0, 4_000.0, 0), // 10 slots
@@ -415,8 +423,14 @@ mod tests {
             stay(450.0, 900.0, 0),
         ];
         for (uav, waits) in
-            [(0, vec![]), (1, vec![10, 0]), (2, vec![15, 0]), (3, vec![15, 0]), (4, vec![15, 4]), (5, vec![15, 4])]
+            [(0, vec![0, 4]), (1, vec![10, 4]), (2, vec![15, 0]), (3, vec![15, 0]), (4, vec![15, 4]), (5, vec![15, 4])]
         {
+            assert_eq!(home.pad_waits(1, uav, &flights), waits, "UAV {uav}");
+        }
+        // By hand: of two pads the swaps of UAVs 1 and 2 take 4 and 6 slots more. The charge of UAV 0 has yet to begin,
+        // so it waits for 4; those in a swap wait for nobody, and UAV 3 comes after UAV 0: 4 + 7 and 6.
+        let flights = [stay(450.0, 900.0, 0), stay(440.0, 900.0, 3), stay(445.0, 900.0, 1), stay(450.0, 900.0, 0)];
+        for (uav, waits) in [(0, vec![0, 4]), (1, vec![]), (2, vec![]), (3, vec![0, 6])] {
             assert_eq!(home.pad_waits(1, uav, &flights), waits, "UAV {uav}");
         }
     }

@@ -4,6 +4,7 @@
 //! left to [`crate::waypoint`].
 
 use skysink_common::geometry::{Position, within};
+use skysink_common::told::Told;
 
 use crate::mission_table::MissionTable;
 use crate::strategies::nearby::{Nearby, Spot, may_share, sum_bits};
@@ -65,18 +66,18 @@ impl Search {
     /// If `V τ > d_c`, the anchors of the paper are among the wide ones and all circles about them are in reach, so the
     /// wide search never finds less. If `V τ ≤ d_c`, circles of the paper's search can be out of reach, and its set
     /// worth more; such a set may still be served from a point that is not a centre.
-    pub fn best_set(
+    pub fn best_set<'t>(
         &mut self,
         reach: Reach,
         table: &MissionTable,
         position: &Position,
-        queues_bits: &[u32],
+        told: impl Into<Told<'t>>,
         ids: &mut Vec<u32>,
     ) -> Option<Winner> {
         // Step 1: the anchors. Their partners, and everything within d_c of a circle's centre, are within 2 d_c of one.
         let anchor_radius_m = reach.anchor_radius_m(table);
         let radius_m = anchor_radius_m + 2.0 * table.limits.comm_radius_m;
-        self.nearby.preselect(table, position, radius_m, queues_bits);
+        self.nearby.preselect(table, position, radius_m, told);
         let most_bits = self.nearby.most_bits(table.limits.blocks() - 1);
         let is_anchor = |spot: &&Spot| within(&spot.position, position, anchor_radius_m);
         let mut best: Option<Candidate> = None;

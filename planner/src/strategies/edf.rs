@@ -43,7 +43,7 @@ fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
     let ground = view.ground();
     let away_m2 = |id: u32| distance_squared(view.table.sensors.position(id), &ground);
     let mut least: Option<(f64, u32)> = None;
-    for id in view.table.servable() {
+    for id in view.servable() {
         let Some(cost) = cost(id) else { continue };
         let is_less = least.is_none_or(|(least, other)| cost < least || cost == least && away_m2(id) < away_m2(other));
         if is_less {

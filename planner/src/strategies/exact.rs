@@ -23,6 +23,7 @@
 
 use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared, within};
 use skysink_common::message::SolverOutcome;
+use skysink_common::told::Told;
 
 use crate::geometry::disks::{Disk, crossings, project};
 use crate::mission_table::MissionTable;
@@ -39,7 +40,7 @@ pub const STRATEGY: Registered =
         let mut ids = Vec::with_capacity(setup.table.limits.blocks());
         let mut room = Vec::new();
         rule(move |view| {
-            let centre = search.best_set(view.table, &view.ground(), view.values(&mut room), &mut ids)?;
+            let centre = search.best_set(view.table, &view.ground(), view.told(view.values(&mut room)), &mut ids)?;
             // The centre satisfies every constraint of sP2 up to the slack of decision D5. If the disks of the set have
             // a point in common only thanks to that slack, sP2* may find none, and the centre is the waypoint.
             let waypoint = serving.waypoint(view, &ids).unwrap_or_else(|| Waypoint {
@@ -93,15 +94,15 @@ impl ExactSearch {
     ///
     /// Fills `ids` with the set, ascending; `None` if no SN can be served. The point is within `V τ`, and every SN of
     /// the set within `d_c` of it (decision D5).
-    pub fn best_set(
+    pub fn best_set<'t>(
         &mut self,
         table: &MissionTable,
         position: &Position,
-        queues_bits: &[u32],
+        told: impl Into<Told<'t>>,
         ids: &mut Vec<u32>,
     ) -> Option<Position> {
         let radius_m = table.limits.reach_m + table.limits.comm_radius_m;
-        self.nearby.preselect(table, position, radius_m, queues_bits);
+        self.nearby.preselect(table, position, radius_m, told);
         let most_bits = self.nearby.most_bits(table.limits.blocks() - 1);
         self.best.fill([].iter());
         self.centre = None;

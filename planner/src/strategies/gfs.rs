@@ -3,6 +3,7 @@
 //! The waypoint is the sensor node with the fullest queue in reach; the n fullest queues in range of it are served.
 
 use skysink_common::geometry::Position;
+use skysink_common::told::Told;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
@@ -14,19 +15,20 @@ pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fu
     let mut serving = Serving::new(setup);
     let mut room = Vec::new();
     rule(move |view| {
-        let waypoint = greedy_waypoint(view.table, &view.ground(), view.values(&mut room))?;
+        let waypoint = greedy_waypoint(view.table, &view.ground(), view.told(view.values(&mut room)))?;
         Some(serving.serve_fullest(view, &waypoint))
     })
 });
 
 /// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none. Among
 /// zones only SNs whose range one slot leads into.
-fn greedy_waypoint(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
+fn greedy_waypoint<'t>(table: &MissionTable, position: &Position, told: impl Into<Told<'t>>) -> Option<Position> {
+    let told = told.into();
     let mut fullest: Option<(u64, Position)> = None;
     table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {
-        let key = fullest_first(queues_bits[node.id as usize], node.id);
+        let key = fullest_first(told.queues_bits[node.id as usize], node.id);
         let is_fuller = fullest.is_none_or(|(least, _)| key < least);
-        if is_fuller && !table.is_out(node.id) && table.may_serve_next(position, &node.position) {
+        if is_fuller && told.answer(node.id).sends() && table.may_serve_next(position, &node.position) {
             fullest = Some((key, node.position));
         }
     });

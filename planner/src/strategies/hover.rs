@@ -80,7 +80,8 @@ impl<'a> BestPoint<'a> {
     fn found(&mut self, stop: &Stop) -> Position {
         let away_m2 = |&id: &u32| distance_squared(self.table.sensors.position(id), &self.start);
         let mut ids: Vec<u32> = self.table.sensors.sampling_ids().collect();
-        ids.sort_by(|a, b| away_m2(a).total_cmp(&away_m2(b))); // a near point is often best, which ends most others early
+        // A near point is often best, which ends most others early.
+        ids.sort_by(|a, b| away_m2(a).total_cmp(&away_m2(b)));
         for id in ids {
             if stop.requested().is_some() {
                 break;

@@ -16,6 +16,7 @@ use skysink_common::belief::Belief;
 use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::geometry::{Position, above};
+use skysink_common::interpolation::interpolate;
 use skysink_common::keys::Accepts;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, SolverOutcome};
 use skysink_common::stop::Stop;
@@ -101,7 +102,7 @@ pub enum PlannedNext {
     Nothing,
     /// To stay, and serve nobody.
     Stay,
-    /// The same within a plan: what follows is not shown.
+    /// To stay and charge: no path is shown.
     Charge,
     /// To fly to this waypoint [m], and serve the SNs that upload most.
     ServeMost(Position),
@@ -306,7 +307,7 @@ fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Pos
     };
     let reach_m = view.table.limits.reach_m * f64::from(slots);
     let fraction = fraction_within(&next.waypoint, &best_ground, &next_stop, reach_m);
-    let moved = next.waypoint + (best_ground - next.waypoint) * fraction;
+    let moved = interpolate(next.waypoint, best_ground, fraction);
     // Behind a zone it would not be flown.
     if view.table.airspace.is_free(&view.ground(), &moved) {
         (moved, best.outcome)

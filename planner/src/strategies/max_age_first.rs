@@ -30,7 +30,7 @@ impl Strategy for MaxAgeFirst {
         // Ties go to the fullest, then to the lowest index.
         let oldest_first = |id: u32| (last[id as usize], fullest_first(view.value(id), id));
         let ground = view.ground();
-        let oldest = view.table.servable().min_by_key(|&id| oldest_first(id));
+        let oldest = view.servable().min_by_key(|&id| oldest_first(id));
         let waypoint =
             oldest.map_or(ground, |oldest| view.table.motion.toward(&ground, view.table.sensors.position(oldest)));
         let decision = serving.serve_by(view, &waypoint, oldest_first);

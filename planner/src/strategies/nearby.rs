@@ -1,6 +1,7 @@
 //! The sensor nodes within a radius of the UAV: the candidates of both searches, fullest first.
 
 use skysink_common::geometry::{Position, within};
+use skysink_common::told::Told;
 
 use crate::mission_table::MissionTable;
 use skysink_common::sensors::grid::PRESELECTION_MARGIN;
@@ -40,14 +41,21 @@ impl Nearby {
         Self { spots: Vec::with_capacity(sensors), keys: Vec::with_capacity(sensors) }
     }
 
-    /// Fills the candidates with the SNs within `radius_m` [m] of `position`, or a thousandth more.
-    pub(crate) fn preselect(&mut self, table: &MissionTable, position: &Position, radius_m: f64, queues_bits: &[u32]) {
+    /// Fills the candidates with the SNs that send within `radius_m` [m] of `position`, or a thousandth more.
+    pub(crate) fn preselect<'t>(
+        &mut self,
+        table: &MissionTable,
+        position: &Position,
+        radius_m: f64,
+        told: impl Into<Told<'t>>,
+    ) {
+        let told = told.into();
         let Self { spots, keys } = self;
         keys.clear();
         let is_open = table.airspace.is_open();
         table.sensors.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
-            if !table.is_out(node.id) && (is_open || table.may_serve_next(position, &node.position)) {
-                keys.push(fullest_first(queues_bits[node.id as usize], node.id));
+            if told.answer(node.id).sends() && (is_open || table.may_serve_next(position, &node.position)) {
+                keys.push(fullest_first(told.queues_bits[node.id as usize], node.id));
             }
         });
         keys.sort_unstable();

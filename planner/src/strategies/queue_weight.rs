@@ -118,7 +118,7 @@ impl QueueWeight {
                 offer(nearest);
             }
         }
-        if let Some(centre) = exact.best_set(table, &ground, view.values(room), exact_ids) {
+        if let Some(centre) = exact.best_set(table, &ground, view.told(view.values(room)), exact_ids) {
             offer(centre);
         }
         best.1
@@ -139,7 +139,7 @@ impl QueueWeight {
             }
         };
         peaks::visit(view, *slow_m, nearby, &mut offer);
-        if let Some(centre) = exact.best_set(table, &ground, view.values(room), exact_ids) {
+        if let Some(centre) = exact.best_set(table, &ground, view.told(view.values(room)), exact_ids) {
             offer(centre);
         }
         let peak = if objective.is_level(view, nearby) {

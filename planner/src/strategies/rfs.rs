@@ -4,6 +4,7 @@
 
 use rand::RngExt;
 use skysink_common::geometry::{Position, within};
+use skysink_common::interpolation::interpolate;
 use skysink_common::random::{Purpose, Streams};
 
 use super::serving::Serving;
@@ -36,7 +37,7 @@ fn random_waypoint(table: &MissionTable, streams: &Streams, slot: u64, position:
     let (south_m, north_m) = bounds_m(position.y, table.limits.area().height_m());
     for _ in 0..MAX_DRAWS {
         let [fraction_x, fraction_y] = stream.random::<[f64; 2]>();
-        let drawn = Position::new(west_m + (east_m - west_m) * fraction_x, south_m + (north_m - south_m) * fraction_y);
+        let drawn = Position::new(interpolate(west_m, east_m, fraction_x), interpolate(south_m, north_m, fraction_y));
         if within(&drawn, position, table.limits.reach_m) {
             return drawn;
         }

@@ -3,6 +3,8 @@
 use nalgebra::Point3;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
+use skysink_common::nodes::Answer;
+use skysink_common::told::Told;
 
 use super::nearby::fullest_first;
 use crate::keys::Settings;
@@ -47,7 +49,7 @@ impl Serving {
             return self.serve_most(view, ground);
         }
         let ground = view.end_for(ground);
-        fill_fullest_in_range(view.table, &ground, view.belief.queues_bits, &mut self.ids);
+        fill_fullest_in_range(view.table, &ground, view.told(view.belief.queues_bits), &mut self.ids);
         self.decision(view, &ground)
     }
 
@@ -56,14 +58,14 @@ impl Serving {
     pub fn serve_most(&mut self, view: &View, ground: &Position) -> Decision {
         let ground = view.end_for(ground);
         let uav = above(&ground, view.position.z);
-        fill_most_in_range(view.table, &uav, view.belief.queues_bits, &mut self.ids);
+        fill_most_in_range(view.table, &uav, view.told(view.belief.queues_bits), &mut self.ids);
         self.decision(view, &ground)
     }
 
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.end_for(ground);
-        fill_in_range(view.table, &ground, key, &mut self.ids);
+        fill_in_range(view.table, &ground, view.belief.answers, key, &mut self.ids);
         self.decision(view, &ground)
     }
 
@@ -83,7 +85,7 @@ impl Serving {
             let most = if self.collects { sensors.weights.value(id, bits) } else { view.value(id) };
             (bits == 0, !chosen.contains(&id), fullest_first(most, id))
         };
-        fill_in_range(view.table, &end.xy(), key, &mut self.ids);
+        fill_in_range(view.table, &end.xy(), view.belief.answers, key, &mut self.ids);
         let schedule = self.ids.iter().copied().collect();
         Decision { waypoint: end, schedule, outcome: SolverOutcome::Rule, winner: None }
     }
@@ -110,30 +112,45 @@ impl Decision {
 }
 
 /// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, by their values, ascending by id: of
-/// equals those with the lowest. `queues_bits` [bit] are by id.
-pub fn fill_fullest_in_range(table: &MissionTable, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+/// equals those with the lowest. SNs that do not send are left out.
+pub fn fill_fullest_in_range<'t>(
+    table: &MissionTable,
+    ground: &Position,
+    told: impl Into<Told<'t>>,
+    ids: &mut Vec<u32>,
+) {
+    let Told { queues_bits, answers } = told.into();
     if table.sensors.weights.are_equal() {
         // Not the values: they would look at the weights for every SN.
-        return fill_in_range(table, ground, |id| fullest_first(queues_bits[id as usize], id), ids);
+        return fill_in_range(table, ground, answers, |id| fullest_first(queues_bits[id as usize], id), ids);
     }
-    fill_in_range(table, ground, |id| fullest_first(table.value(id, queues_bits[id as usize]), id), ids);
+    fill_in_range(table, ground, answers, |id| fullest_first(table.value(id, queues_bits[id as usize]), id), ids);
 }
 
 /// Fills `ids` with the n SNs within `d_c` of `uav` that are expected to upload most there, by its value, ascending.
-pub fn fill_most_in_range(table: &MissionTable, uav: &Point3<f64>, queues_bits: &[u32], ids: &mut Vec<u32>) {
+/// SNs that do not send are left out.
+pub fn fill_most_in_range<'t>(table: &MissionTable, uav: &Point3<f64>, told: impl Into<Told<'t>>, ids: &mut Vec<u32>) {
+    let Told { queues_bits, answers } = told.into();
     let key = |id| {
         let bits = table.expected_bits(uav, &[id], queues_bits) as u32; // no more than its queue
         fullest_first(table.sensors.weights.value(id, bits), id)
     };
-    fill_in_range(table, &uav.xy(), key, ids);
+    fill_in_range(table, &uav.xy(), answers, key, ids);
 }
 
-/// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id.
-fn fill_in_range<K: Ord>(table: &MissionTable, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
+/// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id; of those that
+/// send by their `answers`, by id, or of all if there are none.
+fn fill_in_range<K: Ord>(
+    table: &MissionTable,
+    ground: &Position,
+    answers: &[Answer],
+    key: impl Fn(u32) -> K,
+    ids: &mut Vec<u32>,
+) {
     let MissionTable { sensors, limits, .. } = table;
     ids.clear();
     sensors.grid.visit_within(ground, limits.comm_radius_m, |node| {
-        if !table.is_out(node.id) {
+        if answers.get(node.id as usize).is_none_or(|answer| answer.sends()) {
             ids.push(node.id);
         }
     });
@@ -185,7 +202,7 @@ mod tests {
         let queues_bits = [1, 5, 6, 7, 8, 9];
         let key = |id: u32| (![0, 5].contains(&id), fullest_first(queues_bits[id as usize], id));
         let mut ids = Vec::new();
-        fill_in_range(&table, &Position::new(50.0, 50.0), key, &mut ids);
+        fill_in_range(&table, &Position::new(50.0, 50.0), &[], key, &mut ids);
         assert_eq!(ids, [0, 2, 3, 4]);
     }
 }

@@ -51,7 +51,7 @@ impl InTurn {
         begin: impl Fn(&Turns, &Position) -> usize,
         waypoint: Waypoint,
     ) -> Self {
-        turns.retain(|id| setup.table.is_servable(id));
+        turns.retain(|id| setup.table.is_reachable(id));
         let count = turns.order.len();
         let turn = match setup.team {
             Some(Team { uav, starts }) if count > 0 => {
@@ -95,11 +95,13 @@ impl InTurn {
             carried_bits < view.belief.queues_bits[id as usize].into()
                 && carried_bits as f64 > view.belief.mean_bits(id)
         };
-        view.table.is_servable(id) && !(self.drains && needs_more())
+        view.is_servable(id) && !(self.drains && needs_more())
     }
 
-    /// Ends the turns of the SNs that the slot before served: those in range of where it ended, at `ground`.
-    fn advance(&mut self, table: &MissionTable, ground: &Position) {
+    /// Ends the turns of the SNs that the slot before served: those in range of where it ended.
+    fn advance(&mut self, view: &View) {
+        let table = view.table;
+        let ground = &view.ground();
         let count = self.turns.order.len();
         let most = self.early.unwrap_or(count);
         for id in self.planned.drain(..) {
@@ -110,7 +112,7 @@ impl InTurn {
             }
         }
         for _ in 0..count {
-            if !self.served.remove(&self.turn) && table.is_servable(self.turns.order[self.turn]) {
+            if !self.served.remove(&self.turn) && view.is_servable(self.turns.order[self.turn]) {
                 break;
             }
             self.turn = (self.turn + 1) % count;
@@ -121,10 +123,10 @@ impl InTurn {
     }
 
     /// The first turn after the current one that is not served, of a live SN; the current one if there is none.
-    fn next_turn(&self, table: &MissionTable) -> usize {
+    fn next_turn(&self, view: &View) -> usize {
         let count = self.turns.order.len();
         let mut others = (1..count).map(|ahead| (self.turn + ahead) % count);
-        let is_due = |turn: &usize| !self.served.contains(turn) && table.is_servable(self.turns.order[*turn]);
+        let is_due = |turn: &usize| !self.served.contains(turn) && view.is_servable(self.turns.order[*turn]);
         others.find(is_due).unwrap_or(self.turn)
     }
 }
@@ -134,10 +136,10 @@ impl Strategy for InTurn {
     /// position.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
-        self.advance(view.table, &ground);
-        let current = self.turns.order.get(self.turn).copied().filter(|&id| view.table.is_servable(id));
+        self.advance(view);
+        let current = self.turns.order.get(self.turn).copied().filter(|&id| view.is_servable(id));
         let waypoint = current.map_or(ground, |current| {
-            let ids = [current, self.turns.order[self.next_turn(view.table)]];
+            let ids = [current, self.turns.order[self.next_turn(view)]];
             let positions = ids.map(|id| view.table.sensors.position(id));
             (self.waypoint)(view.table, &ground, positions, &self.turns.points[self.turn])
         });

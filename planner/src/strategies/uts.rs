@@ -19,7 +19,7 @@ pub(crate) fn uts(reach: Reach, setup: &Setup) -> Box<dyn Strategy> {
     let mut ids = Vec::with_capacity(setup.table.limits.blocks());
     let mut room = Vec::new();
     rule(move |view| {
-        let winner = search.best_set(reach, view.table, &view.ground(), view.values(&mut room), &mut ids)?;
+        let winner = search.best_set(reach, view.table, &view.ground(), view.told(view.values(&mut room)), &mut ids)?;
         let waypoint = serving.waypoint(view, &ids)?;
         Some(Decision { winner: Some(winner), ..Decision::serve(view, &waypoint, &ids) })
     })

@@ -115,7 +115,7 @@ impl Ages {
         };
         let before =
             |a: &[f64; 3], b: &[f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
-        view.table.servable().filter_map(rated).min_by(|a, b| before(&a.0, &b.0)).map(|(_, id)| id)
+        view.servable().filter_map(rated).min_by(|a, b| before(&a.0, &b.0)).map(|(_, id)| id)
     }
 }
 

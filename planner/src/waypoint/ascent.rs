@@ -11,7 +11,7 @@ use std::cmp::Ordering;
 use nalgebra::{Vector3, center};
 
 use crate::geometry::disks::project;
-use crate::waypoint::problem::{Problem, RatedPoint};
+use crate::waypoint::problem::{Problem, RatedPoint, SETTLED_M};
 
 /// Starts that are followed to their end.
 pub(crate) const FOLLOWED: usize = 6;
@@ -21,9 +21,6 @@ const LEVELS: u32 = 6;
 
 /// Most steps from one start.
 const MAX_STEPS: u32 = 200;
-
-/// A step shorter than this [m] ends the ascent.
-const SETTLED_M: f64 = 1e-6;
 
 /// Fraction of the linear rise that a step must keep.
 const SUFFICIENT: f64 = 1e-4;

@@ -10,10 +10,7 @@ use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::project;
 use crate::waypoint::conic::ConicSolver;
-use crate::waypoint::problem::{Problem, Waypoint};
-
-/// Re-expansion ends when the waypoint moves less than this [m].
-const SETTLED_M: f64 = 1e-6;
+use crate::waypoint::problem::{Problem, SETTLED_M, Waypoint};
 
 /// Solves sP2* at the mean of the scheduled positions, then at its own result, up to `iterations` times in all: as a
 /// cone program by `conic`, if there is one, or exactly. `None` if no point keeps every constraint.
@@ -91,8 +88,8 @@ mod tests {
     }
 
     fn free_space(table: &MissionTable) -> FreeSpace {
-        let Channel::FreeSpace(model) = table.channel else { panic!("the letter's channel is free space") };
-        model
+        let Channel::FreeSpace(model) = &table.channel else { panic!("the letter's channel is free space") };
+        model.clone()
     }
 
     fn assert_waypoint(problem: &Problem, expected: [f64; 2]) {

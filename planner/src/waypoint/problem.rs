@@ -12,6 +12,9 @@ use skysink_common::message::SolverOutcome;
 use crate::geometry::disks::{Disk, project};
 use crate::mission_table::MissionTable;
 
+/// A waypoint that moves less than this [m] in a step has settled.
+pub(super) const SETTLED_M: f64 = 1e-6;
+
 /// Nearer than this [m] on the ground, the UAV is straight above an SN.
 const ABOVE_M: f64 = 1e-9;
 
@@ -66,7 +69,7 @@ impl Problem {
     pub fn new(table: &MissionTable) -> Self {
         let served = table.limits.blocks();
         Self {
-            channel: table.channel,
+            channel: table.channel.clone(),
             disks: Vec::with_capacity(served + 1),
             gains: Vec::with_capacity(served),
             altitudes_m: [0.0; 2],
@@ -185,6 +188,7 @@ impl Problem {
     /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
     pub(crate) fn altitude_m(&self, fraction: f64) -> f64 {
         let [low_m, high_m] = self.altitudes_m;
+        // In another form than `interpolate`, which differs in the last bit: flights are recorded that have this one.
         (low_m * (1.0 - fraction) + high_m * fraction).max(low_m).min(high_m)
     }
 }
@@ -288,7 +292,7 @@ pub(crate) mod tests {
         ) {
             let (los_exponent, nlos_exponent) = exponents;
             let link = LineOfSight { sight: Sight::Curve(curve), fading, los_exponent, nlos_exponent, ..dense_urban() };
-            let problem = posed(link, &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
+            let problem = posed(link.clone(), &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
             let at = Point3::new(at.0, at.1, at.2);
             let slope = problem.ascent(&at);
             // A logistic curve has a corner where it reaches 0, which no difference may straddle.

@@ -7,6 +7,7 @@ use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::arrivals::sampled_bits;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_planner::strategies::names;
 
 /// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and
@@ -84,7 +85,8 @@ proptest! {
             }
             let flight = *mission.last_flight();
             let queues_bits = mission.queues_bits().to_vec();
-            mission.planner.observe(slot, &[flight], &queues_bits);
+            let told = Told::from(&queues_bits);
+            mission.planner.observe(&Sensed { slot, flights: &[flight], told, received: &Received::NOTHING });
             for (id, &(_, told)) in (0..).zip(&contacts) {
                 let believed_bits = mission.estimate().mean_bits(id);
                 let true_bits = mission.mean_bits(id);

@@ -83,7 +83,7 @@ impl Setting {
 
 impl Case {
     fn link(&self) -> LineOfSight {
-        *Channel::of(&self.scenario.link).line_of_sight().unwrap()
+        Channel::of(&self.scenario.link).line_of_sight().unwrap().clone()
     }
 
     /// The plan that serves all SNs: their queues are as good as endless.

@@ -50,7 +50,7 @@ fn plan(scenario: &Scenario, places_m: &[[f64; 2]], altitude_m: f64) -> Plan {
 }
 
 fn link_of(scenario: &Scenario) -> LineOfSight {
-    *Channel::of(&scenario.link).line_of_sight().unwrap()
+    Channel::of(&scenario.link).line_of_sight().unwrap().clone()
 }
 
 fn ground(plan: &Plan) -> Position {

@@ -11,10 +11,12 @@ use pyo3::PyResult;
 use skysink_common::checkpoint::Checkpoint as _;
 use skysink_common::geometry::above;
 use skysink_common::message::Plan;
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
+use skysink_common::told::{Received, Sensed, Told};
 use skysink_mission::Plant;
 use skysink_mission::drive::Pilot as _;
 use skysink_planner::FleetPlanner;
@@ -30,10 +32,15 @@ use crate::rules::Control;
 const INWARD_M: f64 = 1e-3;
 
 /// The plans of a strategy, and its state after them, or why there are none.
-type Answer = Result<(ByUav<Plan>, Vec<u8>), String>;
+type Reply = Result<(ByUav<Plan>, Vec<u8>), String>;
 
-/// The plans that are flown in a slot, with the queues before it [bit].
-type Flown = (ByUav<Plan>, Vec<u32>);
+/// The plans that are flown in a slot, with the queues [bit] and the answers before it.
+#[derive(Clone)]
+struct Flown {
+    plans: ByUav<Plan>,
+    queues_bits: Vec<u32>,
+    answers: Vec<Answer>,
+}
 
 /// The strategies that were asked in an episode.
 #[derive(Clone, Default)]
@@ -72,7 +79,7 @@ struct Question {
     plant: Plant,
     flown: Option<Flown>,
     stop: Stop,
-    answer: Sender<Answer>,
+    answer: Sender<Reply>,
 }
 
 impl Worker {
@@ -98,10 +105,12 @@ fn answer(scenario: &Scenario, list: &SensorList, state: Option<Vec<u8>>, asked:
                 }
             };
             planner.set_stop(&stop);
-            if let Some((plans, queues_bits)) = &flown {
-                planner.follow(plant.slot(), plans, queues_bits);
+            if let Some(Flown { plans, queues_bits, answers }) = &flown {
+                let slot = plant.slot() - 1;
+                let told = Told::new(queues_bits, answers);
+                planner.follow(&Sensed { slot, flights: &[], told, received: &Received::NOTHING }, plans);
             }
-            let plans = planner.plans(&plant).expect("a planner plans every slot");
+            let plans = planner.orders(&plant).expect("a planner plans every slot").plans();
             let mut state = Vec::new();
             planner.save(&mut state);
             Ok((plans.iter().flatten().map(|plan| Plan { plan_ns: 0, ..*plan }).collect(), state))
@@ -116,7 +125,9 @@ impl Experts {
         self.flown = None;
         if !self.asked.is_empty() {
             let plans = plans.iter().copied().collect::<Option<_>>();
-            self.flown = plans.map(|plans| (plans, plant.field().told_bits().into_owned()));
+            let Told { queues_bits, answers } = plant.field().told();
+            let flown = |plans| Flown { plans, queues_bits: queues_bits.to_vec(), answers: answers.to_vec() };
+            self.flown = plans.map(flown);
         }
     }
 }
@@ -158,7 +169,7 @@ impl Episode {
         let plans = self.expert_plans(name, stop)?;
         let size = into.len() / plans.len();
         for (uav, plan) in plans.iter().enumerate() {
-            self.uav = uav;
+            self.act_as(uav);
             let end = self.inward(plan);
             self.write_action(&end, &mut into[uav * size..][..size]);
         }
@@ -179,7 +190,8 @@ impl Episode {
 
     /// The action that ends the slot closest to `waypoint`.
     fn write_action(&self, waypoint: &Point3<f64>, into: &mut [f32]) {
-        let (limits, uav) = (self.field.limits, self.flight().position());
+        let limits = self.field.limits;
+        let uav = self.flight().position();
         let height_m = limits.max_altitude_m - limits.min_altitude_m;
         let action = match self.control() {
             Control::Displacement => {

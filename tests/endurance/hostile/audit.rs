@@ -61,7 +61,8 @@ pub fn audit(place: &Place) -> Vec<TraceLine> {
         let mut most_bits = 0;
         for &id in &line.scheduled {
             let node = &nodes[id as usize];
-            let (at, radius_m) = (Position::new(node.x_m, node.y_m), scenario.link.comm_radius_m);
+            let at = Position::new(node.x_m, node.y_m);
+            let radius_m = scenario.link.comm_radius_m;
             assert!(within(&line.position, &at, radius_m), "SN {id} is out of range: {line:?}");
             let d2_m2 = distance_squared(&line.position, &at);
             let uplink = Uplink::at(node.gain, d2_m2, scenario.uav.altitude_m);

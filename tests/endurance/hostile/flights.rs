@@ -42,7 +42,8 @@ impl Vehicle {
         let plans = ring.plan.reader().unwrap();
         let mut nodes = ring.sensors.reader().unwrap();
         let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
-        let (flight, fleet) = (Flight::new(&scenario, nodes.payload()), Fleet::new(&scenario, nodes.payload()));
+        let flight = Flight::new(&scenario, nodes.payload());
+        let fleet = Fleet::new(&scenario, nodes.payload());
         (run, Self { ring, wait, slots: scenario.slots, flight, fleet, plans, flights })
     }
 

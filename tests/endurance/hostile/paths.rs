@@ -91,10 +91,12 @@ fn drawn(recording: &std::path::Path) -> Vec<i64> {
 fn paths_of_another_run_slot_or_writer_are_refused_and_valid_ones_drawn() {
     let place = Place::new();
     let (run, mut rogue) = start_with_viewer(&place);
-    let (paths, intruder) = (writer(&rogue), Intruder::join(&rogue.folder));
+    let paths = writer(&rogue);
+    let intruder = Intruder::join(&rogue.folder);
     let second = intruder.list_writer::<PathPoint, SlotHeader>("path", 4);
     rogue.fly_to_end(|rogue, turn| {
-        let (header, good) = (rogue.header(turn.slot), path(turn, 3));
+        let header = rogue.header(turn.slot);
+        let good = path(turn, 3);
         if turn.slot >= THERE {
             paths.send_list(header, &good).unwrap();
         }

@@ -50,7 +50,8 @@ fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
     let scenario = scenarios::smoke("uts");
     let hash = format!("{:016x}", scenario.hash());
     let number = skysink_ring::topics::SCHEMA.to_string();
-    let (version, program) = (&*number, env!("CARGO_PKG_VERSION"));
+    let version = &*number;
+    let program = env!("CARGO_PKG_VERSION");
     let build = "use the executables of one build";
     let file = "pass the scenario.toml of the run's folder";
     for (terms, what, remedy) in [

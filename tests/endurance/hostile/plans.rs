@@ -25,7 +25,8 @@ fn at(turn: &Turn, x_m: f64, y_m: f64, z_m: f64) -> Plan {
 
 /// A waypoint in the area, `by_m` [m] beyond the reach.
 fn beyond_reach(rogue: &Rogue, turn: &Turn, by_m: f64) -> Plan {
-    let (from, far_m) = (turn.flight.position().xy(), rogue.scenario.reach_m() + by_m);
+    let from = turn.flight.position().xy();
+    let far_m = rogue.scenario.reach_m() + by_m;
     let toward = if from.x < rogue.scenario.area.width_m() / 2.0 { far_m } else { -far_m };
     at(turn, from.x + toward, from.y, 20.0)
 }
@@ -33,7 +34,8 @@ fn beyond_reach(rogue: &Rogue, turn: &Turn, by_m: f64) -> Plan {
 /// A sensor node out of range of the good waypoint.
 fn far_away(rogue: &Rogue, turn: &Turn) -> u32 {
     let distance = |id: &usize| {
-        let (node, waypoint) = (&rogue.sensors[*id], Position::new(turn.good.x_m, turn.good.y_m));
+        let node = &rogue.sensors[*id];
+        let waypoint = Position::new(turn.good.x_m, turn.good.y_m);
         (waypoint - Position::new(node.x_m, node.y_m)).norm()
     };
     let far = (0..rogue.sensors.len()).max_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
@@ -119,7 +121,8 @@ fn the_feasible_part_of_any_plan_is_flown_and_the_rest_is_counted() {
     let ended = run.wait_for_success();
     let lines = audit(&place);
     assert_eq!((lines.len(), sent.len()), (60, 60));
-    let (mut kinds, mut refused) = (0, 0);
+    let mut kinds = 0;
+    let mut refused = 0;
     for (line, (turn, nonsense)) in lines.iter().zip(sent) {
         let good = turn.good.scheduled();
         let wrong = nonsense.map_or(Wrong::Nothing, |(_, _, wrong)| *wrong);

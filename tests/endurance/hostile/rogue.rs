@@ -2,10 +2,12 @@
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
-use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, Limits, NodeAnswer, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
+use skysink_common::told::Told;
 use skysink_planner::Planner;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
@@ -37,6 +39,7 @@ pub struct Rogue {
     plans: Writer<ipc::Service, [Plan], SlotHeader>,
     queues: Reader<ipc::Service, [u32], QueuesHeader>,
     flights: Reader<ipc::Service, [FlightReport], SlotHeader>,
+    answers: Option<Reader<ipc::Service, [NodeAnswer], SlotHeader>>,
     next: u64,
 }
 
@@ -77,10 +80,12 @@ impl Rogue {
         let mut nodes = ring.sensors.reader().unwrap();
         let queues = ring.belief.as_ref().unwrap_or(&ring.queues).reader().unwrap();
         let flights = ring.flight.reader().unwrap();
+        let answers = ring.answers.as_ref().map(|answers| answers.reader().unwrap());
         let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
-        let (sensors, limits) = (nodes.payload().to_vec(), nodes.user_header().limits);
+        let sensors = nodes.payload().to_vec();
+        let limits = nodes.user_header().limits;
         let planner = Planner::new(&scenario, &sensors).unwrap();
-        Self { scenario, folder, ring, sensors, limits, planner, wait, plans, queues, flights, next: 0 }
+        Self { scenario, folder, ring, sensors, limits, planner, wait, plans, queues, flights, answers, next: 0 }
     }
 
     /// Waits for the next slot that needs a plan; none after the last.
@@ -103,7 +108,10 @@ impl Rogue {
             // A paced run may have left this planner behind.
             let Some(flight) = self.flights.wait_for_slot(&mut self.wait, slot)? else { continue };
             let flight = flight[UAV];
-            let good = self.planner.step(slot + 1, flight.position(), state.payload());
+            let nodes = self.answers.as_mut().map(|answers| answers.wait_for_slot(&mut self.wait, slot)).transpose()?;
+            let nodes = nodes.flatten().map(|nodes| nodes.payload().to_vec()).unwrap_or_default();
+            let answers: Vec<Answer> = nodes.iter().map(|node| Answer::from_repr(node.answer).unwrap()).collect();
+            let good = self.planner.step(slot + 1, flight.position(), Told::new(state.payload(), &answers));
             let queues_bits = state.payload().to_vec();
             return Ok(Some(Turn { slot: slot + 1, good, flight, queues_bits }));
         }

@@ -1,6 +1,8 @@
 //! Second writers of the ring's topics, without the lock of a role.
 
-use skysink_common::message::{Commit, FLAG_END, FlightReport, Mode, Plan, QueuesHeader, SlotHeader, Totals};
+use skysink_common::message::{
+    Commit, FLAG_END, FlightReport, Mode, NodeAnswer, Plan, QueuesHeader, SlotHeader, Totals,
+};
 
 use super::audit::{audit, said, trace};
 use super::intruder::{Intruder, send, send_list};
@@ -52,6 +54,34 @@ fn second_writers_are_refused_on_every_topic_and_in_every_slot() {
         assert!(first.ends_with(&format!("(6) refused: {SECOND}")), "{first}");
     }
     drop((plans, flights, queues, commits, intruder, rogue));
+    place.assert_clean();
+}
+
+#[test]
+fn forged_answers_are_refused() {
+    let place = Place::new();
+    let batteries = place.flight("smoke").set("sensors.energy.capacity_j", 5.0).set("sensors.energy.sleep_w", 0.1);
+    let (run, mut rogue) = start_with_rogue(&batteries, LONG_S);
+    let intruder = Intruder::join(&rogue.folder);
+    let answers = intruder.list_writer::<NodeAnswer, SlotHeader>("answers", 100);
+    let mut real = rogue.ring.answers.as_ref().unwrap().reader().unwrap();
+    let mut seen = [false; 3];
+    rogue.fly_to_end(|rogue, turn| {
+        while let Some(sample) = real.next_sample().unwrap() {
+            assert_eq!(sample.payload().len(), 40);
+            sample.payload().iter().for_each(|node| seen[node.answer as usize] = true);
+        }
+        if turn.slot > 5 {
+            for (count, answer) in [(40, 7), (40, 2), (39, 0), (0, 0)] {
+                send_list(&answers, rogue.header(turn.slot), &vec![NodeAnswer { answer, known: answer }; count]);
+            }
+        }
+    });
+    run.wait_for_success();
+    audit(&place);
+    place.assert_trace_as_simulated("run");
+    assert_eq!(seen, [true, false, true], "SNs live, and die");
+    drop((answers, real, intruder, rogue));
     place.assert_clean();
 }
 

@@ -6,8 +6,8 @@ use std::fs;
 use cbindgen::{Builder, Config, DocumentationStyle, ItemType, Language};
 use iceoryx2::prelude::ZeroCopySend;
 use skysink_common::message::{
-    Commit, FlightReport, HeardLink, Limits, LinkReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
-    SlotHeader, Tick, Totals,
+    Commit, FlightReport, HeardLink, Limits, LinkReport, NodeAnswer, PathPoint, Plan, QueuesHeader, SensorNode,
+    SensorsHeader, SlotHeader, Tick, Totals,
 };
 use skysink_ring::health::{Health, Ready};
 
@@ -16,14 +16,14 @@ use super::ROOT;
 /// Where the types are defined; what a constant is made of comes first.
 const SOURCES: [&str; 5] = [
     "common/src/channel/mod.rs",
-    "common/src/ledger.rs",
-    "common/src/limits.rs",
-    "common/src/message.rs",
+    "common/src/nodes/ledger.rs",
+    "common/src/scenario/limits.rs",
+    "common/src/messages/message.rs",
     "ring/src/health.rs",
 ];
 
 const TITLE: &str = "\
-// The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
+// The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/messages/message.rs by
 // cargo test --workspace --test it write_the_layouts -- --ignored";
 
 /// A message: its name in C++, its iceoryx2 type name and its length.
@@ -41,6 +41,7 @@ pub fn generated() -> String {
         message::<SensorsHeader>(),
         message::<Limits>(),
         message::<SensorNode>(),
+        message::<NodeAnswer>(),
         message::<QueuesHeader>(),
         message::<Totals>(),
         message::<Plan>(),

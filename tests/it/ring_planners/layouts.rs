@@ -145,7 +145,7 @@ struct Sizes {
 
 impl Default for Sizes {
     fn default() -> Self {
-        let whole = [("uint32_t", "u32", 4), ("int32_t", "i32", 4), ("uint64_t", "u64", 8)];
+        let whole = [("uint8_t", "u8", 1), ("uint32_t", "u32", 4), ("int32_t", "i32", 4), ("uint64_t", "u64", 8)];
         let plain = [&whole[..], &[("float", "f32", 4), ("double", "f64", 8)]].concat();
         let types = plain.into_iter().map(|(cpp, rust, size)| (cpp.to_owned(), (rust.to_owned(), size)));
         Self { types: types.collect(), constants: BTreeMap::new() }

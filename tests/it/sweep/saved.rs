@@ -124,7 +124,8 @@ fn a_sweep_is_extended_by_seeds_and_strategies_and_flies_only_what_is_missing() 
         assert_eq!(place.read(&format!("whole/{name}")), place.read(&format!("grown/{name}")), "{name}");
     }
 
-    let (manifest, results) = (place.read("grown/sweep.json"), place.read("grown/results.csv"));
+    let manifest = place.read("grown/sweep.json");
+    let results = place.read("grown/results.csv");
     let scenario = place.read("smoke.toml");
     for (option, value, says) in [
         ("--seeds", "3", "another sweep, with seed 4: choose another --out"),

@@ -89,9 +89,9 @@ fn plan_times(uavs: u32, effort: BenchEffort, stop: &Stop) -> Result<Spread, Ben
     while start.elapsed() < effort.choose(Duration::from_secs(2), Duration::from_millis(20)) {
         stop.check()?;
         let begin = Instant::now();
-        let plans = black_box(planner.plans(&plant)).expect("a planner of this process has no link to lose");
+        let orders = black_box(planner.orders(&plant)).expect("a planner of this process has no link to lose");
         times.saturating_record(nanoseconds(begin));
-        plant.step(&plans);
+        plant.fly(&orders);
         if plant.slot() == SLOTS {
             (plant, planner) = begun()?;
         }

@@ -12,13 +12,16 @@ use std::time::Instant;
 
 use nalgebra::Vector2;
 use skysink_common::geometry::Position;
-use skysink_planner::geometry::round::{DiskField, RoundEffort, distance_to_leg_squared, shortest};
+use skysink_planner::geometry::round::{DiskField, RoundEffort, SETTLED, distance_to_leg_squared, shortest};
 
-/// Margin against rounding.
-const ROUNDING: f64 = 1e-9;
+/// Margin of a length against rounding, relative to it.
+const LENGTH_MARGIN: f64 = 1e-9;
 
 /// A gap between the length of an order and its bound above this fraction is closed by the cone program.
 const GAP: f64 = 1e-6;
+
+/// Least length of a leg that has a direction, as a fraction of the radius.
+const LEAST_LEG: f64 = 1e-7;
 
 /// Most sweeps over the points of an order.
 const SWEEPS: usize = 40;
@@ -95,13 +98,14 @@ fn by_orders_m(field: &DiskField, known_m: f64, effort: RoundEffort) -> f64 {
         let may_begin = !field.is_closed && field.start.is_none();
         let first = may_begin.then(|| (0, field.touch(disk, &order.points[0], None).1));
         for (place, point) in behind.chain(first) {
-            let (mut disks, mut points) = (order.disks.clone(), order.points.clone());
+            let mut disks = order.disks.clone();
+            let mut points = order.points.clone();
             disks.insert(place - field.fixed(), disk);
             points.insert(place, point);
             let mut further = evaluate(field, disks, Some(points));
             further.bound_m = further.bound_m.max(order.bound_m);
             evaluated += 1;
-            if further.bound_m < known_m * (1.0 - ROUNDING) {
+            if further.bound_m < known_m * (1.0 - LENGTH_MARGIN) {
                 heap.push(further);
             }
         }
@@ -163,7 +167,7 @@ fn evaluate(field: &DiskField, disks: Vec<u32>, points: Option<Vec<Position>>) -
         bound_m = bound_m.max(dual_m(field, &disks, &shortest.points[0], &shortest.directions));
         points = shortest.points;
     }
-    Order { disks, points, bound_m: bound_m * (1.0 - ROUNDING) }
+    Order { disks, points, bound_m: bound_m * (1.0 - LENGTH_MARGIN) }
 }
 
 fn length_m(field: &DiskField, points: &[Position]) -> f64 {
@@ -192,7 +196,7 @@ fn descend(field: &DiskField, disks: &[u32], points: &mut [Position]) {
             moved_m = moved_m.max((point - points[index]).norm());
             points[index] = point;
         }
-        if moved_m <= 1e-9 * field.inner_m {
+        if moved_m <= SETTLED * field.inner_m {
             return;
         }
     }
@@ -204,7 +208,7 @@ fn directions(field: &DiskField, points: &[Position]) -> Vec<Vector2<f64>> {
     let legs = if field.is_closed { stops } else { stops - 1 };
     let direction = |leg: usize| {
         let vector = points[(leg + 1) % stops] - points[leg];
-        if vector.norm() > 1e-7 * field.inner_m { vector.normalize() } else { Vector2::zeros() }
+        if vector.norm() > LEAST_LEG * field.inner_m { vector.normalize() } else { Vector2::zeros() }
     };
     let found: Vec<Vector2<f64>> = (0..legs).map(direction).collect();
     let between = |leg: usize| match found[leg] {
@@ -247,7 +251,7 @@ fn by_trees_m(field: &DiskField, known_m: f64) -> f64 {
         }
         count = (count * 1.25f64).max(count + 1.0);
     }
-    best_m * (1.0 - ROUNDING)
+    best_m * (1.0 - LENGTH_MARGIN)
 }
 
 /// Nodes of the 1-trees, the start or a disk first, then each farthest from those before: centre and radius.

@@ -41,7 +41,6 @@ impl VehicleControl {
 
     /// Says what a transition means, and keeps why the mission ends.
     pub(super) fn say_line(&mut self, line: SpokenLine) {
-        let mode = self.vehicle.mode_name();
         let what = match line {
             SpokenLine::Arming => {
                 let findings = self.preflight.findings(&self.vehicle);
@@ -67,7 +66,28 @@ impl VehicleControl {
             SpokenLine::Done(_) if self.end.is_empty() => "its mission is over",
             SpokenLine::Done(_) => return self.said.say("is on the ground, disarmed".to_owned()),
         };
-        let why = match line {
+        let why = self.why(line);
+        let more = match line {
+            SpokenLine::HandsOff(TakenBy::Armed) if !self.preflight.was_down => "",
+            SpokenLine::HandsOff(_) => {
+                ". The bridge gives it no more commands in this run, which goes on; Ctrl-C ends it, and with it the \
+                 heartbeats for which its GCS failsafe waits"
+            }
+            SpokenLine::Silent(_) => {
+                ". The bridge gives it no commands, and no heartbeats unless another vehicle at its address needs them"
+            }
+            _ => "",
+        };
+        self.said.say(format!("{what}: {why}{more}"));
+        if !matches!(line, SpokenLine::Returns(Ending::Over) | SpokenLine::Done(Ending::Over | Ending::OverInArm)) {
+            self.end = why;
+        }
+    }
+
+    /// Why a transition to the end of a mission is made.
+    fn why(&self, line: SpokenLine) -> String {
+        let mode = self.vehicle.mode_name();
+        match line {
             SpokenLine::Returns(Ending::NoClimb) => "it does not reach its altitude within two minutes".to_owned(),
             SpokenLine::Returns(Ending::NoStart) => "it does not reach its start within ten minutes".to_owned(),
             SpokenLine::HandsOff(TakenBy::Armed) => format!(
@@ -95,26 +115,23 @@ impl VehicleControl {
             SpokenLine::Done(Ending::NoTakeOff) => "it does not take off within two minutes".to_owned(),
             SpokenLine::Done(Ending::Disarmed) => "it has disarmed".to_owned(),
             _ => self.end.clone(),
-        };
-        let more = match line {
-            SpokenLine::HandsOff(TakenBy::Armed) if !self.preflight.was_down => "",
-            SpokenLine::HandsOff(_) => {
-                ". The bridge gives it no more commands in this run, which goes on; Ctrl-C ends it, and with it the heartbeats \
-                 for which its GCS failsafe waits"
-            }
-            SpokenLine::Silent(_) => {
-                ". The bridge gives it no commands, and no heartbeats unless another vehicle at its address needs them"
-            }
-            _ => "",
-        };
-        self.said.say(format!("{what}: {why}{more}"));
-        if !matches!(line, SpokenLine::Returns(Ending::Over) | SpokenLine::Done(Ending::Over | Ending::OverInArm)) {
-            self.end = why;
         }
     }
 
     /// Says what a vehicle does not do, does not say, or is waited for, while that lasts.
     pub(super) fn say_what_lasts(&mut self, input: &Input, now_s: f64) {
+        for (matter, is_so, after_s, line) in self.lasting(input, now_s) {
+            let has_ended = self.said.say_while(matter, is_so.then_some(line), after_s, now_s);
+            if has_ended && matter == "lost" {
+                self.said.say("is heard again".to_owned());
+            }
+        }
+        let missing = self.awaited(input, now_s);
+        self.said.say_while("missing", missing, MISSING_S, now_s);
+    }
+
+    /// What may last: its name, whether it does, after how long it is said [s], and the line.
+    fn lasting(&self, input: &Input, now_s: f64) -> [(&'static str, bool, f64, String); 9] {
         let is_lost = self.vehicle.is_lost(now_s);
         let is_in_flight = matches!(self.state, State::Climb | State::Fly { .. });
         let is_blind = is_in_flight && !is_lost && self.vehicle.fix().is_some() && !self.vehicle.has_current_fix(now_s);
@@ -128,7 +145,7 @@ impl VehicleControl {
         let progress = self.progress(input);
         let off_m = self.home_is_off_m().filter(|off_m| self.reads_above_sea() && *off_m >= HOME_SLACK_M);
         let follows = input.believed.is_some_and(|report| report.is_armed && report.mode == ModeMeaning::Follows);
-        let lines: [(&'static str, bool, f64, String); 9] = [
+        [
             ("lost", is_lost && self.state != State::Done, 0.0, lost.to_owned()),
             ("blind", is_blind, 0.0, "does not say where it is any more: it gets no waypoints meanwhile".to_owned()),
             (
@@ -136,8 +153,8 @@ impl VehicleControl {
                 is_in_flight && off_m.is_some(),
                 0.0,
                 format!(
-                    "reports an altitude of its home that is {:.0} m from the one at its take-off: it gets no waypoints \
-                     meanwhile",
+                    "reports an altitude of its home that is {:.0} m from the one at its take-off: it gets no \
+                     waypoints meanwhile",
                     off_m.unwrap_or_default()
                 ),
             ),
@@ -170,14 +187,12 @@ impl VehicleControl {
                 ),
             ),
             ("progress", progress.is_some(), self.slow_after_s(), progress.unwrap_or_default()),
-        ];
-        for (matter, is_so, after_s, line) in lines {
-            let has_ended = self.said.say_while(matter, is_so.then_some(line), after_s, now_s);
-            if has_ended && matter == "lost" {
-                self.said.say("is heard again".to_owned());
-            }
-        }
-        let missing = matches!(self.state, State::Check { .. }).then(|| match input.checks {
+        ]
+    }
+
+    /// What a vehicle that is being checked is waited for.
+    fn awaited(&self, input: &Input, now_s: f64) -> Option<String> {
+        matches!(self.state, State::Check { .. }).then(|| match input.checks {
             _ if !self.is_heard(now_s) => "waiting for it to send heartbeats".to_owned(),
             Checks::Hold if self.state.may_fly() && input.believed.is_some() => {
                 "waiting for it to be on the ground, or in the air in the mode that follows commands".to_owned()
@@ -186,8 +201,7 @@ impl VehicleControl {
             Checks::Hold => "is checked, and waits for the others".to_owned(),
             Checks::Refused => format!("must not take off: {}", self.preflight.missing),
             Checks::Wait => format!("waiting for it {}", self.preflight.missing),
-        });
-        self.said.say_while("missing", missing, MISSING_S, now_s);
+        })
     }
 
     /// Time after which it is said how far it is [s]: a return takes a while.

@@ -278,7 +278,8 @@ fn a_bridge_that_is_killed_at_any_instant_is_followed_by_one_that_overrules_nobo
             let mut flight = ClosedLoop::new(&options, 0.0);
             flight.is_deaf = true;
             flight.advance(f64::from(instant) * 0.5);
-            let (was, arms_before) = (flight.state(), arms(&flight));
+            let was = flight.state();
+            let arms_before = arms(&flight);
             let has_begun = flight.bridge.has_begun();
             flight.is_bridge_alive = false;
             flight.advance(2.0); // nobody looks

@@ -124,7 +124,9 @@ fn fly(seed: u64, tally: &mut Tally) {
     let mut slot = 0;
     let mut slot_s = 0.0;
     let mut is_killed = false;
-    let (mut orders_at_act, mut arrived_at_act, mut said_at_act) = (0, 0, 0);
+    let mut orders_at_act = 0;
+    let mut arrived_at_act = 0;
+    let mut said_at_act = 0;
     while flight.now_s < 260.0 && !(flight.bridge.has_landed() && acted_s.is_some_and(|s: f64| flight.now_s > s + 20.0))
     {
         if !has_operator && flight.now_s >= operator_s && acted_s.is_none() && !flight.copter.is_armed {

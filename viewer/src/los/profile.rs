@@ -9,6 +9,7 @@ use re_sdk_types::archetypes::LineStrips2D;
 use re_sdk_types::components::Radius;
 use skysink_common::channel::{ChannelModel, LineOfSight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::interpolation::interpolate;
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
@@ -79,7 +80,7 @@ impl Profile {
         let curve = |fraction: &dyn Fn(f64) -> f64| -> Vec<[f32; 2]> {
             (0..=STEPS)
                 .map(|step| f64::from(step) / f64::from(STEPS))
-                .map(|along| [along * WIDTH, HEIGHT * (1.0 - fraction(lowest_m + along * (highest_m - lowest_m)))])
+                .map(|along| [along * WIDTH, HEIGHT * (1.0 - fraction(interpolate(lowest_m, highest_m, along)))])
                 .map(|point| point.map(|coordinate| coordinate as f32))
                 .collect()
         };

@@ -59,7 +59,8 @@ pub fn recording(path: &Path) -> String {
         LogMsg::ArrowMsg(_, chunk) => Some(ChunkId::from_tuid(chunk.chunk_id)),
         _ => None,
     });
-    let (count, ids) = (chunks.clone().count(), chunks.collect::<BTreeSet<_>>());
+    let count = chunks.clone().count();
+    let ids = chunks.collect::<BTreeSet<_>>();
     assert_eq!(ids.len(), count, "a chunk is there twice");
     let footers = decoder.rrd_manifests().unwrap();
     let footer = footers.iter().find(|footer| footer.store_id.is_recording()).expect("a footer");

@@ -13,7 +13,7 @@ use skysink_viewer::{Scene, Sinks, WallClock, colour, legend, links, uav};
 const SENSORS: u32 = 20;
 
 fn link() -> LineOfSight {
-    *Channel::of(&town().link).line_of_sight().expect("the town has buildings")
+    Channel::of(&town().link).line_of_sight().cloned().expect("the town has buildings")
 }
 
 /// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line
@@ -82,7 +82,8 @@ fn a_link_has_the_colour_and_the_width_of_its_draw() {
         let text = found.text(links::LINKS, component, Some(slot));
         text.find(word).unwrap_or_else(|| panic!("no {word} in slot {slot}: {text}"))
     };
-    let (sight, blocked) = (written(colour::SIGHT), written(colour::BLOCKED));
+    let sight = written(colour::SIGHT);
+    let blocked = written(colour::BLOCKED);
     let colours = "LineStrips3D:colors";
     assert!(at(colours, 1, &blocked) < at(colours, 1, &sight), "slot 1: the second in sight");
     assert!(at(colours, 2, &sight) < at(colours, 2, &blocked), "slot 2: the first in sight");
@@ -112,7 +113,7 @@ fn the_curves_contain_probability_and_elevation_of_every_link() {
 
 #[test]
 fn only_a_probabilistic_channel_shows_line_of_sight() {
-    let roots = [los::SPACE, "metrics/los", profile::PROFILE, legend::LOS_PAGE].map(|root| format!("/{root}"));
+    let roots = [los::SPACE, "metrics/los", profile::PROFILE, los::PAGE].map(|root| format!("/{root}"));
     let is_there = |found: &Found, root: &str| {
         found.cells.keys().any(|(entity, ..)| entity == root || entity.starts_with(&format!("{root}/")))
     };
@@ -123,7 +124,7 @@ fn only_a_probabilistic_channel_shows_line_of_sight() {
         assert!(is_there(&town, &root) && !is_there(&free_space, &root), "{root}");
     }
     assert!(has_tab(&town) && !has_tab(&free_space));
-    let page = town.text(legend::LOS_PAGE, "TextDocument:text", None);
+    let page = town.text(los::PAGE, "TextDocument:text", None);
     assert!(page.contains("Why climb?") && page.contains("drawn anew in each slot"), "{page}");
     let page = town.text(legend::PAGE, "TextDocument:text", None);
     assert!(page.contains("altitudes from 20 m to 120 m") && page.contains("sight blocked"), "{page}");
@@ -154,5 +155,5 @@ fn at_a_fixed_altitude_the_profile_spans_half_below_and_half_above() {
     assert!(ticks.contains("20 m") && ticks.contains("60 m"), "{ticks}");
     let flown = found.text(profile::FLOWN, "LineStrips2D:strips", Some(1));
     assert_eq!(flown.matches("100.0").count(), 3, "in the middle of 200, from 0 to 100: {flown}");
-    assert!(found.text(legend::LOS_PAGE, "TextDocument:text", None).contains("its altitude is fixed"));
+    assert!(found.text(los::PAGE, "TextDocument:text", None).contains("its altitude is fixed"));
 }

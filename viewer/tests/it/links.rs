@@ -7,10 +7,10 @@ use crate::support::{Found, Slot, letter, sensors};
 use skysink_common::channel::LinkMap;
 use skysink_common::geometry::Position;
 use skysink_common::message::HeardLink;
-use skysink_common::nodes::{DEAD, NodeFeatures};
+use skysink_common::nodes::{Answer, NodeFeatures};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
-use skysink_viewer::{Scene, Sinks, SlotView, WallClock, curves, energy, legend, link_map, links};
+use skysink_viewer::{Scene, Sinks, SlotView, WallClock, curves, energy, heard, legend, link_map};
 
 const SENSORS: u32 = 3;
 
@@ -20,7 +20,7 @@ fn mapped() -> Scenario {
     let axes_m = [vec![0.0, 50.0, 100.0], vec![0.0], vec![20.0]];
     let map = LinkMap::of_arrays(axes_m, &[3, 1, 1, 3], &levels, None).unwrap();
     let places: Vec<Position> = sensors(SENSORS).positions.clone();
-    let overrides = Overrides { map: Some(map.at_places(&places).held()), ..Overrides::default() };
+    let overrides = Overrides { map: Some(map.at_places(&places).shared()), ..Overrides::default() };
     let text = "name = 'mapped'\nlink = { model = 'map', file = 'none.csv', comm_radius_m = 200.0 }\n";
     Scenario::parse(text, Path::new("mapped.toml"), overrides).unwrap()
 }
@@ -55,7 +55,7 @@ fn hidden(found: &Found) -> usize {
 #[test]
 fn without_these_models_a_recording_has_none_of_their_entities() {
     let found = record(&letter(), &sensors(SENSORS), log_slots);
-    for entity in [link_map::LINK_MAP, links::HEARD, energy::ENERGY, energy::DEAD_MARKS, energy::ALIVE] {
+    for entity in [link_map::LINK_MAP, heard::HEARD, energy::ENERGY, energy::DEAD_MARKS, energy::ALIVE] {
         assert!(!has(&found, entity), "{entity}");
     }
     assert_eq!(hidden(&found), 0);
@@ -92,9 +92,9 @@ fn heard_links_are_lines_by_their_snr() {
         }
         scene.log_missed(2..=3).unwrap();
     });
-    let lines = |slot| found.text(links::HEARD, "LineStrips3D:strips", Some(slot)).matches("20.0").count();
+    let lines = |slot| found.text(heard::HEARD, "LineStrips3D:strips", Some(slot)).matches("20.0").count();
     assert_eq!([0, 1, 2].map(lines), [2, 2, 0], "each begins at the UAV, 20 m high; none in missed slots");
-    let colours = found.text(links::HEARD, "LineStrips3D:colors", Some(0));
+    let colours = found.text(heard::HEARD, "LineStrips3D:colors", Some(0));
     let number = |[red, green, blue]: [u32; 3]| (((red << 8 | green) << 8 | blue) << 8 | 255).to_string();
     assert!([[74, 82, 100], [245, 246, 250]].map(number).iter().all(|of| colours.contains(of)), "{colours}");
     assert!(found.text(legend::PAGE, "TextDocument:text", None).contains("within 30 m: -10 → 30 dB"));
@@ -108,19 +108,21 @@ fn batteries_are_rings_and_dead_sensor_nodes_crosses() {
     let list = SensorList::of(&scenario).unwrap();
     let sensors = Arc::new(Sensors::of(&scenario, &list.nodes()));
     let mut ledger = list.ledger(&scenario);
-    let mut slots: Vec<(Vec<u32>, Option<NodeFeatures>)> = Vec::new();
+    let mut slots: Vec<(Vec<Answer>, Option<NodeFeatures>)> = Vec::new();
     for slot in 0..=2 {
         if slot > 0 {
             ledger.sample(slot);
             let _ = ledger.end_slot(slot, &[]);
         }
-        slots.push((ledger.told_bits().to_vec(), Some(ledger.features().clone())));
+        let mut answers = Vec::new();
+        ledger.fill_answers(&mut answers);
+        slots.push((answers, Some(ledger.features().clone())));
     }
-    assert_eq!(slots[2].0, [DEAD; 3], "1 J of 2 J in each slot");
-    slots.push((vec![DEAD; 3], None)); // a viewer in a ring that has missed slots
+    assert_eq!(slots[2].0, [Answer::Dead; 3], "1 J of 2 J in each slot");
+    slots.push((vec![Answer::Dead; 3], None)); // a viewer in a ring that has missed slots
     let found = record(&scenario, &sensors, |scene| {
-        for (slot, (queues_bits, features)) in (0..).zip(&slots) {
-            let slot = Slot { queues_bits: queues_bits.clone(), ..Slot::new(slot, 3) };
+        for (slot, (answers, features)) in (0..).zip(&slots) {
+            let slot = Slot { answers: answers.clone(), ..Slot::new(slot, 3) };
             scene.log_slot(&SlotView { features: features.as_ref(), ..slot.view() }).unwrap();
         }
     });

@@ -105,7 +105,8 @@ fn every_kth_slot_and_the_first_and_last_are_drawn() {
     assert!(["7.0", "77.0", "14.0"].iter().all(|place| path.contains(place)), "the path is that of every slot: {path}");
     let leg = found.text(uav::PLAN, "LineStrips3D:strips", Some(14));
     assert!(leg.contains("13.0"), "a plan begins where its slot does: {leg}");
-    assert_eq!(found.curve(curves::LOSS)[&21], 0.021, "sums are of every slot");
+    let expected = 21.0 / (100.0 * f64::from(SENSORS));
+    assert_eq!(found.curve(curves::LOSS)[&21], expected, "sums are of every slot");
     assert_eq!(found.slots_of(curves::MISSED), [0, 14, 21, 30].into());
 }
 
@@ -122,7 +123,7 @@ fn the_slot_after_missed_ones_is_drawn() {
 fn the_curves_agree_with_the_ledger() {
     let found = in_folder(|path| record(path, 12, |_| {}));
     for (slot, loss_rate) in found.curve(curves::LOSS) {
-        let expected = if slot == 0 { 0.0 } else { slot as f64 / 1e3 }; // slot² lost of 1 000 · slot sampled
+        let expected = slot as f64 / (100.0 * f64::from(SENSORS)); // slot² lost of 100 · slot sampled by each
         assert_eq!(loss_rate, expected, "slot {slot}");
     }
     assert_eq!(found.curve(curves::DELIVERED)[&7], 0.07); // 70 bits, in kbit

@@ -10,8 +10,10 @@ use re_chunk_store::{ChunkStore, ChunkStoreConfig};
 use re_sdk::TimelineName;
 use re_sdk::log::TimeColumn;
 use skysink_common::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader, SensorNode, Totals};
+use skysink_common::nodes::Answer;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensors;
+use skysink_common::told::Told;
 use skysink_viewer::SlotView;
 
 /// Runs a test with the path of a recording in a folder of its own.
@@ -57,6 +59,7 @@ pub fn files(first: &Path) -> Vec<PathBuf> {
 pub struct Slot {
     pub slot: u64,
     pub queues_bits: Vec<u32>,
+    pub answers: Vec<Answer>,
     pub header: QueuesHeader,
     pub plan: Option<Plan>,
     pub path: Vec<PathPoint>,
@@ -82,6 +85,7 @@ impl Slot {
         Self {
             slot,
             queues_bits: vec![queue_bits; count],
+            answers: Vec::new(),
             header,
             plan: (slot > 0).then_some(plan),
             path: Vec::new(),
@@ -93,7 +97,7 @@ impl Slot {
     pub fn view(&self) -> SlotView<'_> {
         SlotView {
             slot: self.slot,
-            queues_bits: &self.queues_bits,
+            told: Told::new(&self.queues_bits, &self.answers),
             header: &self.header,
             plans: std::slice::from_ref(&self.plan),
             paths: &self.path,
@@ -214,7 +218,8 @@ impl Found {
 
 fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &re_sdk::log::Chunk) {
     let times = |timeline: &str| chunk.timelines().get(&TimelineName::try_new(timeline).unwrap());
-    let (slots, times_ns) = (times("slot"), times("sim_time"));
+    let slots = times("slot");
+    let times_ns = times("sim_time");
     for component in chunk.components_identifiers() {
         let values = chunk.components().get_array(component).unwrap();
         for row in (0..chunk.num_rows()).filter(|&row| values.is_valid(row)) {

@@ -50,7 +50,8 @@ pub(super) fn read(bytes: &[u8], steps: Option<Vec<[f64; 2]>>) -> Result<LinkMap
         NumpyArray::parse(&content).map(Some).map_err(|message| format!("{name}: {message}"))
     };
     let needed = |name: &str, array: Option<NumpyArray>| array.ok_or_else(|| format!("no array {name}: {expected}"));
-    let (snrs_db, rates_bps) = (array("snr_db")?, array("rate_bps")?);
+    let snrs_db = array("snr_db")?;
+    let rates_bps = array("rate_bps")?;
     if snrs_db.is_some() && rates_bps.is_some() {
         return Err(format!("snr_db and rate_bps: {expected}"));
     }
@@ -125,7 +126,8 @@ impl LinkMap {
         let mut named: Vec<(String, LevelGrid)> = (0..count).map(grid).collect();
         named.sort_by(|(a, _), (b, _)| a.cmp(b)); // as from a file
         let (names, grids): (Vec<_>, Vec<_>) = named.into_iter().unzip();
-        let (names, grids) = (names.into(), grids.into());
+        let names = names.into();
+        let grids = grids.into();
         Ok(Self { names, are_ids: count > 1, grids, steps, of_places: FxHashMap::default() })
     }
 }

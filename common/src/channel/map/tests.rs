@@ -19,7 +19,7 @@ fn map(rows: &str) -> LinkMap {
 }
 
 fn channel(map: LinkMap, residual_db: f64, residual_m: Option<f64>) -> MapChannel {
-    MapChannel { map: map.held(), residual_db, residual_m, is_observed: false, law: None, comm_s: 1.0 }
+    MapChannel { map: map.shared(), residual_db, residual_m, is_observed: false, law: None, comm_s: 1.0 }
 }
 
 fn uplink(level: f64) -> Uplink {
@@ -129,7 +129,8 @@ fn a_written_map_reads_back_exactly() {
     let (levels, rates) = map.to_csv();
     let again = LinkMap::parse(&levels, Path::new("b"), Some(steps(&rates.unwrap()))).unwrap();
     assert_eq!(again, map);
-    assert_eq!(again.held() as *const _, map.held() as *const _, "held once");
+    let map = map.shared();
+    assert!(Arc::ptr_eq(&again.shared(), &map), "held once");
     let rates = LinkMap::parse("sensor,x_m,y_m,z_m,rate_bps\n,0,0,0,70\n", Path::new("a"), None).unwrap();
     assert_eq!((rates.rate_bps(70.0), rates.to_csv().1), (70.0, None));
 }

@@ -32,7 +32,8 @@ crate::keys! {
         /// Energy of a full battery [J]; required without a column of the sensor list, which has priority.
         capacity_j: Option<f64>, CAPACITY_J;
         /// Energy before slot 1, as a fraction of the capacity.
-        initial: f64 = 1.0, Accepts::Number("a fraction above 0, at most 1", |fraction| fraction > 0.0 && fraction <= 1.0);
+        initial: f64 = 1.0,
+            Accepts::Number("a fraction above 0, at most 1", |fraction| fraction > 0.0 && fraction <= 1.0);
         /// Harvested power [W]. A column of the sensor list has priority.
         harvest_w: f64 = 0.0, NOT_NEGATIVE;
         /// CSV file of the harvested power, `slot,sensor,harvest_w`: the power of an SN from a slot on until its next

@@ -5,7 +5,7 @@ use crate::arrivals::Poisson;
 use crate::ledger::Ledger;
 use crate::nodes::expiry::{Cohorts, Expiry};
 use crate::nodes::keys::Overflow;
-use crate::nodes::{DEAD, NodeFeature, NodeFeatures};
+use crate::nodes::{Answer, NodeFeature, NodeFeatures};
 use crate::random::Streams;
 use crate::sampling::Sampling;
 use proptest::prelude::*;
@@ -58,7 +58,9 @@ fn an_unserved_sensor_node_dies_when_sleep_has_taken_its_battery() {
         let found = charges(&ledger).summed_up(0);
         assert_eq!((found.first_death_s, found.half_dead_s), (Some(2.0 * death as f64), Some(2.0 * death as f64)));
         assert_eq!((found.dead, found.energy_per_bit_j, found.residual_mean), (2, None, 0.0));
-        assert_eq!((ledger.queues_bits(), &ledger.told_bits()[..]), (&[0, 0][..], &[DEAD, DEAD][..]));
+        let mut answers = Vec::new();
+        ledger.fill_answers(&mut answers);
+        assert_eq!((ledger.queues_bits(), answers), (&[0, 0][..], vec![Answer::Dead; 2]));
         assert!(ledger.totals().is_balanced() && charges(&ledger).is_balanced());
     }
 }

@@ -77,7 +77,7 @@ fn the_rate_falls_by_a_step_within_a_millimetre_and_is_0_beyond_the_radius() {
         assert_eq!((rate_bps(radius_m), rate_bps(radius_m + 1.0)), (radio(name).steps[0].rate_bps, 0.0), "{name}");
         assert_eq!(scenario.link.resource_blocks as u32, radio(name).resource_blocks);
         // The table is read back equal.
-        let table = scenario.link.table.unwrap();
+        let table = &**scenario.link.table.as_ref().unwrap();
         assert_eq!(&RateTable::parse(&table.to_csv(), Path::new("b.csv")).unwrap(), table);
     }
 }
@@ -97,7 +97,8 @@ fn shadowing_makes_rates_random_about_the_same_median() {
 fn a_uav_that_climbs_has_the_radius_of_its_lowest_altitude() {
     let keys = "uav.altitude = 'free'\nuav.min_altitude_m = 25.0\nuav.altitude_m = 30.0\nlink.preset = 'wifi-n20'\n";
     let climbing = scenario(keys);
-    let [_, altitudes_m, _] = climbing.link.table.unwrap().axes();
+    let table = climbing.link.table.unwrap();
+    let [_, altitudes_m, _] = table.axes();
     assert_eq!(altitudes_m, [25.0, 48.75, 72.5, 96.25, 120.0]);
     assert!((climbing.link.comm_radius_m - (46.99f64.powi(2) - 625.0).sqrt()).abs() < 0.05);
 }
@@ -135,7 +136,7 @@ fn keys_beside_a_preset_have_priority_and_a_copy_is_expanded() {
     // The copy of a run names no preset, and is the same mission.
     let copy = read.to_toml_with_list("sensors.csv");
     assert!(!copy.contains("preset"), "{copy}");
-    let overrides = Overrides { table: read.link.table, ..Overrides::default() };
+    let overrides = Overrides { table: read.link.table.clone(), ..Overrides::default() };
     assert_eq!(Scenario::parse(&copy, Path::new("run.toml"), overrides).unwrap().hash(), read.hash());
 }
 

@@ -73,7 +73,8 @@ fn ground_heights_between_sensor_nodes_stay_within_their_bounds() {
             let at = Point2::new(10.0 * f64::from(x), 10.0 * f64::from(y));
             let truth_m = hills(at.x, at.y);
             let slack_m = if x % 10 == 0 && y % 10 == 0 { 1e-9 } else { 0.0 };
-            let (low_m, high_m) = (ground.lowest_m(&at) - slack_m, ground.highest_m(&at) + slack_m);
+            let low_m = ground.lowest_m(&at) - slack_m;
+            let high_m = ground.highest_m(&at) + slack_m;
             assert!(low_m <= truth_m && truth_m <= high_m, "{at}: {low_m} to {high_m}, {truth_m}");
         }
     }

@@ -88,12 +88,8 @@ pub fn follow(file: PlanFile, speed_mps: Option<f64>) -> Result<ForeignPlan, Str
     let Some(first) = legs.first() else {
         return Err("no item leads anywhere: expected at least one waypoint".to_owned());
     };
-    if is_default_used && speed_mps.or(own_mps).is_none() {
-        notes.push(format!(
-            "no speed before {}: taken as {COPTER_MPS} m/s, ArduCopter's WPNAV_SPEED by default; --speed sets another",
-            first.place
-        ));
-    }
+    let is_speed_taken = is_default_used && speed_mps.or(own_mps).is_none();
+    notes.extend(is_speed_taken.then(|| no_speed_before(&first.place)));
     let by_command = by_command.iter().map(|(command, count)| format!("{count} × command {}", named(*command)));
     let unused: Vec<String> = unused.into_iter().chain(by_command).collect();
     notes.extend((!unused.is_empty()).then(|| format!("not used: {}", unused.join(", "))));
@@ -107,6 +103,12 @@ pub fn follow(file: PlanFile, speed_mps: Option<f64>) -> Result<ForeignPlan, Str
         fence,
         notes,
     })
+}
+
+fn no_speed_before(place: &str) -> String {
+    format!(
+        "no speed before {place}: taken as {COPTER_MPS} m/s, ArduCopter's WPNAV_SPEED by default; --speed sets another"
+    )
 }
 
 /// The first item with a place.

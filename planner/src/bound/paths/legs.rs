@@ -8,6 +8,7 @@
 
 use skysink_common::geometry::Position;
 
+use crate::bound::margins::LENGTH_MARGIN;
 use crate::mission_table::MissionTable;
 
 /// Cells of a disk in each direction.
@@ -18,11 +19,8 @@ const CELLS: usize = GRID * GRID;
 /// Nearest sensors of each sensor, to which legs run from cell to cell; other legs run from rim to rim.
 const NEAREST: usize = 12;
 
-/// Margin [slots] against rounding, and for the slack of range and reach (decision D5).
-const ROUNDING_SLOTS: f64 = 1e-6;
-
-/// The same margin, relative to a length.
-const SLACK: f64 = 1e-8;
+/// Margin of a number of slots [slots] against rounding, and for the slack of range and reach (decision D5).
+const SLOTS_MARGIN: f64 = 1e-6;
 
 /// A leg with its price and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -162,19 +160,19 @@ fn least(values: &[f64; CELLS]) -> usize {
 /// The fewest slots in which a UAV flies `away_m` [m], `reach_m` [m] in each.
 #[must_use]
 pub fn fewest_slots(reach_m: f64, away_m: f64) -> f64 {
-    (away_m * (1.0 - SLACK) / reach_m - ROUNDING_SLOTS).ceil().max(0.0)
+    (away_m * (1.0 - LENGTH_MARGIN) / reach_m - SLOTS_MARGIN).ceil().max(0.0)
 }
 
 /// The fewest slots from range of one sensor into range of another.
 fn rim_slots(table: &MissionTable, first: u32, second: u32) -> f64 {
     let between_m = (table.sensors.position(first) - table.sensors.position(second)).norm();
-    fewest_slots(table.farthest_m, between_m - 2.0 * table.limits.comm_radius_m * (1.0 + SLACK))
+    fewest_slots(table.farthest_m, between_m - 2.0 * table.limits.comm_radius_m * (1.0 + LENGTH_MARGIN))
 }
 
 /// The fewest slots from each cell to each. Cells are squares over the whole square around the disk.
 fn cell_legs(table: &MissionTable, first: u32, second: u32) -> CellLegs {
     let rim_slots = rim_slots(table, first, second);
-    let half_m = table.limits.comm_radius_m * (1.0 + SLACK);
+    let half_m = table.limits.comm_radius_m * (1.0 + LENGTH_MARGIN);
     let side_m = 2.0 * half_m / GRID as f64;
     let corner = |sensor: u32, cell: usize| {
         let at = table.sensors.position(sensor);

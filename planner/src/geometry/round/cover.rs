@@ -1,6 +1,6 @@
 //! Which disks the legs of a round touch, by counts.
 
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared};
 
 /// Most columns or rows of the grid.
 const MOST_CELLS: f64 = 1_000.0;
@@ -76,7 +76,7 @@ impl Cover {
             } else {
                 [from.x, to.x]
             };
-            let slack_m = self.radius_m * 1e-9;
+            let slack_m = self.radius_m * RANGE_SLACK;
             let column = |at_m: f64| cell(at_m, self.lowest.x, self.columns);
             let begin = column(ends_m[0].min(ends_m[1]) - self.radius_m - slack_m);
             let end = column(ends_m[0].max(ends_m[1]) + self.radius_m + slack_m);

@@ -24,7 +24,7 @@ pub(crate) use cover::nearest_of_leg;
 pub use cover::{Cover, distance_to_leg_squared};
 pub use search::RoundEffort;
 use search::RoundSearch;
-pub use stops::DiskField;
+pub use stops::{DiskField, SETTLED};
 use stops::{Itinerary, NO_DISK};
 
 /// Largest coordinate [m] of a first centre at which lengths are not yet computed relative to it.

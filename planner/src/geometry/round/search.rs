@@ -36,6 +36,9 @@ const WATCHED: u64 = 64;
 /// Fewer stops than this are often inserted farthest from the round first.
 const FEW_STOPS: usize = 40;
 
+/// Least shortening of a round that counts, relative to it.
+const LEAST_GAIN: f64 = 1e-12;
+
 /// How long a search goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RoundEffort {
@@ -106,7 +109,7 @@ impl<'a> RoundSearch<'a> {
             };
             if is_changed && self.complete(&mut tried, limit_m) && tried.length_m < limit_m {
                 std::mem::swap(&mut current, &mut tried);
-                if current.length_m < best.length_m * (1.0 - 1e-12) {
+                if current.length_m < best.length_m * (1.0 - LEAST_GAIN) {
                     best.clone_from(&current);
                 }
             }

@@ -20,7 +20,13 @@ const INNER: f64 = 1.0 - 2e-7;
 const LEAST_RADIUS: f64 = 1e-9;
 
 /// What rounding may add to the distance of a stop from its centre, as a fraction of the largest coordinate.
-const ROUNDING: f64 = 1e-14;
+const COORDINATE_ROUNDING: f64 = 1e-14;
+
+/// A turn of a stop about its centre below this [rad] ends the search for its angle.
+const SETTLED_RAD: f64 = 1e-7;
+
+/// Stops that all move by less than this fraction of the radius stay.
+pub const SETTLED: f64 = 1e-9;
 
 /// Distances below this [m] are rounding.
 const LEAST_M: f64 = 1e-150;
@@ -44,7 +50,7 @@ impl DiskField {
         let all = || centres.iter().chain(&start).flat_map(|point| [point.x, point.y]);
         let [lowest_m, highest_m] = [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)];
         let range_m = (highest_m - lowest_m).max(0.0);
-        let rounding_m = ROUNDING * all().map(f64::abs).fold(0.0, f64::max);
+        let rounding_m = COORDINATE_ROUNDING * all().map(f64::abs).fold(0.0, f64::max);
         let touched_m = radius_m.max(LEAST_RADIUS * range_m) + rounding_m;
         Self { cover: Cover::new(centres, touched_m), inner_m: radius_m * INNER, start, is_closed }
     }
@@ -103,7 +109,7 @@ impl DiskField {
             let angle = (-slope / curve).clamp(-1.0, 1.0);
             let turned = normal + across * angle;
             normal = turned / turned.norm();
-            if angle.abs() < 1e-7 {
+            if angle.abs() < SETTLED_RAD {
                 break;
             }
         }
@@ -274,7 +280,7 @@ impl Itinerary {
                     }
                 }
             }
-            if moved_m <= 1e-9 * field.inner_m {
+            if moved_m <= SETTLED * field.inner_m {
                 break;
             }
         }

@@ -87,7 +87,7 @@ impl QueueWeightObjective {
         let mut terms = std::mem::take(&mut self.terms);
         terms.clear();
         view.table.sensors.grid.visit_within(&uav.xy(), view.table.limits.comm_radius_m, |node| {
-            if !view.table.is_out(node.id) {
+            if view.answer(node.id).sends() {
                 terms.push((Reverse(self.term_bits2(view, uav, node.id)), node.id));
             }
         });

@@ -29,7 +29,7 @@ const FOLLOWED: usize = 6;
 const APART_M: f64 = 1.0;
 
 /// Relative rise that counts as none: the objective at two points of equal value differs by rounding.
-const ROUNDING: f64 = 1e-12;
+const VALUE_SLACK: f64 = 1e-12;
 
 /// First and last step [m] of a search.
 const STEPS_M: [f64; 2] = [4.0, 1e-3];
@@ -84,7 +84,7 @@ impl Best {
 
 /// Whether `value` is above `other` by more than rounding.
 fn is_above(value: f64, other: f64) -> bool {
-    value > other + ROUNDING * other.abs()
+    value > other + VALUE_SLACK * other.abs()
 }
 
 /// Visits the points of the module's first list for the SNs `ids` and the distance of least power `slow_m` [m], those

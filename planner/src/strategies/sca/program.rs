@@ -164,7 +164,8 @@ impl<'a> StopProgram<'a> {
         let sampled = table.sensors.sampler(id).mean_bits / buffer_bits;
         let begun = (f64::from(self.flight.view.belief.queues_bits[id as usize]) / buffer_bits).min(1.0);
         // The queue, as a number and factors of variables, when it was emptied last; then what is sampled since.
-        let (mut number, mut queue): (f64, Vec<(usize, f64)>) = (begun, Vec::new());
+        let mut number: f64 = begun;
+        let mut queue: Vec<(usize, f64)> = Vec::new();
         for visit in visits {
             let end = STOP * visit.stop + END;
             queue.extend([(end, sampled), (visit.first, -1.0)]);

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::sampled_bits;
 use skysink_common::belief::Believed;
 use skysink_common::geometry::Position;
+use skysink_common::interpolation::interpolate;
+use skysink_common::told::Heard;
 
 use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
@@ -84,8 +86,17 @@ impl<'a> Rehearsal<'a> {
     /// What a strategy sees in the next slot.
     fn now(&self) -> View<'_> {
         let slot = self.slot();
-        let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, &self.queues_bits);
-        View { slot, position: self.position, belief, timing: Timing::Free, links: None, neighbours: None, ..self.view }
+        let told = self.view.told(&self.queues_bits);
+        let belief = Believed::known(slot.saturating_sub(1), &self.view.table.sensors, told);
+        View {
+            slot,
+            position: self.position,
+            belief,
+            timing: Timing::Free,
+            heard: &Heard::NOTHING,
+            neighbours: None,
+            ..self.view
+        }
     }
 
     /// Flies a slot: SNs sample and overflow, then the scheduled ones upload.
@@ -172,7 +183,7 @@ impl<'a> Rehearsal<'a> {
                 break;
             }
             let is_last = slot as f64 == slots;
-            let at = if is_last { end } else { from + (end - from) * (slot as f64 / slots) };
+            let at = if is_last { end } else { interpolate(from, end, slot as f64 / slots) };
             self.fly_to(serving, &at, &if is_last { stop.ids() } else { Vec::new() });
         }
     }
@@ -193,7 +204,7 @@ impl<'a> Rehearsal<'a> {
     /// The SN that overflows soonest.
     pub fn most_urgent(&self) -> Option<u32> {
         let now = self.now();
-        let deadlines = now.table.servable().filter_map(|id| Some((now.belief.deadline_slots(id)?, id)));
+        let deadlines = now.servable().filter_map(|id| Some((now.belief.deadline_slots(id)?, id)));
         deadlines.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, id)| id)
     }
 

@@ -40,7 +40,7 @@ pub fn random_scenario(text: &str, strategy: &'static str, seed: u64) -> Scenari
         quantiles_bps.sort_unstable_by(f64::total_cmp);
         rates_bps.extend(quantiles_bps);
     }
-    let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps).unwrap().held();
+    let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps).unwrap().shared();
     let overrides =
         Overrides { strategy: Some(strategy), seed: Some(seed), table: Some(table), ..Overrides::default() };
     Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
