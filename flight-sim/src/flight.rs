@@ -81,7 +81,7 @@ impl Flight {
     /// This UAV, whose links and ends of slots are drawn from another `seed`.
     pub(crate) fn redrawn(&self, seed: u64) -> Self {
         let streams = Streams::new(seed);
-        Self { streams, channel: DrawnChannel::new(*self.channel.law(), streams), ..self.clone() }
+        Self { streams, channel: DrawnChannel::new(self.channel.law().clone(), streams), ..self.clone() }
     }
 
     /// Whether a slot that flies by `plan` would end within `separation_m` [m] of another UAV's `end`, outside of the
