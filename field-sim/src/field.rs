@@ -55,10 +55,15 @@ impl Field {
     /// The field before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        let ledger = list.ledger(scenario);
+        Self::over(list.ledger(scenario), scenario.slots)
+    }
+
+    /// The field of this ledger before slot 1 of a mission of so many slots.
+    #[must_use]
+    pub fn over(ledger: Ledger, slots: u64) -> Self {
         let mut answers = Vec::new();
         ledger.fill_answers(&mut answers);
-        Self { ledger, answers, slots: scenario.slots, slot: 0, slot_bits: SlotBits::default(), belief: Belief::Known }
+        Self { ledger, answers, slots, slot: 0, slot_bits: SlotBits::default(), belief: Belief::Known }
     }
 
     /// The field with what the UAV believes before slot 1, instead of known queues.

@@ -81,6 +81,12 @@ impl Fleet {
         }
     }
 
+    /// These UAVs, whose links and ends of slots are drawn from another `seed`.
+    #[must_use]
+    pub fn redrawn(&self, seed: u64) -> Self {
+        Self { uavs: self.uavs.iter().map(|uav| uav.redrawn(seed)).collect(), ..self.clone() }
+    }
+
     /// The reports of slot 0: the UAVs at their starts.
     pub fn start(&self) -> ByUav<FlightReport> {
         self.uavs.iter().map(Flight::start).collect()

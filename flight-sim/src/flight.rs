@@ -78,6 +78,12 @@ impl Flight {
         other
     }
 
+    /// This UAV, whose links and ends of slots are drawn from another `seed`.
+    pub(crate) fn redrawn(&self, seed: u64) -> Self {
+        let streams = Streams::new(seed);
+        Self { streams, channel: DrawnChannel::new(self.channel.law().clone(), streams), ..self.clone() }
+    }
+
     /// Whether a slot that flies by `plan` would end within `separation_m` [m] of another UAV's `end`, outside of the
     /// base (decision D23).
     pub(crate) fn is_too_near(&self, plan: &Plan, end: &Position, separation_m: f64) -> bool {

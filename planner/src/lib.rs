@@ -40,6 +40,7 @@ pub mod planner;
 pub mod route;
 pub mod rules;
 pub mod settings;
+pub mod simulation;
 pub mod strategies;
 pub mod strategy;
 pub mod waypoint;

@@ -146,6 +146,34 @@ impl Planner {
         })
     }
 
+    /// The planner of a simulated mission of this setup, with this strategy.
+    pub(crate) fn simulated(setup: &Setup<'_>, strategy: Box<dyn Strategy>) -> Self {
+        let Setup { scenario, table, belief, stop, .. } = *setup;
+        Self {
+            strategy,
+            rules: RuleBook::new(setup),
+            strategy_name: String::new(),
+            belief: belief.clone(),
+            battery: BatteryState::initial(scenario),
+            reported: ReportedQueues::default(),
+            timing: Timing::Free,
+            stop: stop.clone(),
+            slot: 0,
+            heard: Heard::of(scenario),
+            path: Vec::with_capacity(MAX_PATH_POINTS),
+            room: Room::default(),
+            table: table.clone(),
+        }
+    }
+
+    /// Begins a simulation at what `view` sees.
+    pub(crate) fn begin_at(&mut self, view: &View<'_>) {
+        self.belief = view.belief.belief.clone();
+        self.battery = view.battery;
+        self.reported = ReportedQueues::default();
+        self.heard.clone_from(view.heard);
+    }
+
     /// Observes the flight of `slot`, and what is told after it. Must be called for every slot before the next is
     /// planned. If the queues are estimated, only what is told of served SNs is read, and a skipped slot only makes the
     /// estimate older.
@@ -192,6 +220,19 @@ impl Planner {
         duty: Duty,
         neighbours: Option<&Neighbours<'_>>,
     ) -> Plan {
+        self.plan_by(slot, position, told, duty, neighbours, |strategy, view| strategy.plan(view))
+    }
+
+    /// The same, decided by what `decide` makes of its strategy.
+    pub(crate) fn plan_by(
+        &mut self,
+        slot: u64,
+        position: Point3<f64>,
+        told: Told<'_>,
+        duty: Duty,
+        neighbours: Option<&Neighbours<'_>>,
+        mut decide: impl FnMut(&mut dyn Strategy, &View<'_>) -> Option<Decision>,
+    ) -> Plan {
         let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
         assert_eq!(told.queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
         let Self { strategy, rules, table, stop, room, heard, .. } = self;
@@ -199,7 +240,7 @@ impl Planner {
         let battery = self.battery;
         let timing = self.timing;
         let view = View { slot, position, battery, belief, table, timing, heard, neighbours, stop };
-        let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
+        let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| decide(&mut **strategy, view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);

@@ -22,6 +22,7 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::tally::Tally;
 use skysink_planner::plan::keys::HorizonKeys;
+use skysink_planner::strategies::horizon;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
@@ -38,7 +39,7 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
     let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
     look_ahead::OFFLINE.set_keys(&mut scenario, OfflineKeys { steps: 5_000 });
-    look_ahead::HORIZON.set_keys(&mut scenario, HorizonKeys::of(200));
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys::of(200));
     scenario
 }
 

@@ -48,6 +48,8 @@ pub enum Purpose {
     Collect = 18,
     /// Residual of the link of a sensor node in a slot, about a map.
     LinkResidual = 19,
+    /// Seed of a simulated mission, in a comparison of strategies.
+    Comparison = 20,
 }
 
 /// The family of streams of one mission.

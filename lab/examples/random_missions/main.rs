@@ -20,7 +20,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::settings;
-use skysink_planner::strategies::{STRATEGIES, look_ahead};
+use skysink_planner::strategies::{STRATEGIES, horizon, look_ahead};
 
 use generator::{Generator, RandomMission};
 
@@ -84,10 +84,10 @@ fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
 
 fn compare(number: u64, missions: &[RandomMission], steps: u64) -> Outcome {
     let mean = |strategy| missions.iter().map(|files| fly(files, strategy, steps)).sum::<f64>() / missions.len() as f64;
-    let rivals = STRATEGIES.iter().filter(|other| ***other != look_ahead::HORIZON && ***other != look_ahead::OFFLINE);
+    let rivals = STRATEGIES.iter().filter(|other| ***other != horizon::STRATEGY && ***other != look_ahead::OFFLINE);
     let best = rivals.map(|other| (mean(other.name), other.name)).min_by(|a, b| a.0.total_cmp(&b.0));
     let begin = Instant::now();
-    let horizon = mean(look_ahead::HORIZON.name);
+    let horizon = mean(horizon::STRATEGY.name);
     Outcome { number, horizon, best: best.expect("other strategies"), seconds: begin.elapsed().as_secs_f64() }
 }
 

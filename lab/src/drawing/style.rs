@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use skysink_planner::strategies::{
-    drift_plus_penalty, edf, exact, gfs, hover, look_ahead, max_age_first, max_weight, mes, rfs, round_robin, tour,
-    uts, uts_wide, whittle,
+    best_of, drift_plus_penalty, edf, exact, gfs, horizon, hover, look_ahead, max_age_first, max_weight, mes, rfs,
+    round_robin, tour, uts, uts_wide, whittle,
 };
 use skysink_planner::strategy::Registered;
 use svg::node::element::{Group, Path};
@@ -33,7 +33,7 @@ static BOUNDS: [SeriesStyle; 3] =
     [series("#662255", 2.0, SOLID, ""), series("#555555", 3.0, "3 6", ""), series("#8C8C8C", 3.0, "12 4", "")];
 
 /// The styles of the strategies of the registry.
-static STYLED: [(&Registered, SeriesStyle); 16] = [
+static STYLED: [(&Registered, SeriesStyle); 17] = [
     (&rfs::STRATEGY, series("#E69F00", 6.0, SOLID, "m-9,0a9,9 0 1,0 18,0a9,9 0 1,0 -18,0z")), // circle
     (&gfs::STRATEGY, series("#009E73", 5.0, "30 14", "m-15.5,-15.5h31v31h-31z")),             // square
     (&uts::STRATEGY, series("#0072B2", 3.5, SOLID, "m0,-26l22.5,39h-45z")),                   // triangle
@@ -42,7 +42,7 @@ static STYLED: [(&Registered, SeriesStyle); 16] = [
     (&tour::STRATEGY, series("#56B4E9", 4.0, SOLID, "m0,-15l15,15l-15,15l-15,-15z")),         // diamond
     (&round_robin::STRATEGY, series("#999999", 4.0, "10 6", "m-13,0h26m-13,-13v26")),         // plus
     (&max_age_first::STRATEGY, series("#B8A400", 4.0, "18 6", "m0,20l17.3,-30h-34.6z")),      // nabla
-    (&look_ahead::HORIZON, series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17")), // star
+    (&horizon::STRATEGY, series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17")), // star
     (&edf::STRATEGY, series("#332288", 4.0, "24 6 6 6", "m-7,-18h14v36h-14z")),               // upright bar
     (&mes::STRATEGY, series("#88CCEE", 4.0, SOLID, "m-18,-7h36v14h-36z")),                    // lying bar
     (&max_weight::STRATEGY, series("#117733", 4.0, "8 8", "m-15,-9h30l-15,24z")),             // wedge
@@ -50,6 +50,7 @@ static STYLED: [(&Registered, SeriesStyle); 16] = [
     (&whittle::STRATEGY, series("#AA4499", 4.0, "26 10", "m-16,0h32m-24,-14v28m16,-28v28")),  // hash
     (&look_ahead::OFFLINE, series("#44AA99", 4.0, SOLID, "m-16,8l16,-16l16,16")),             // roof
     (&hover::STRATEGY, series("#EE3377", 5.0, "14 8", "m-16,-8l16,16l16,-16")),               // valley
+    (&best_of::STRATEGY, series("#661100", 4.0, "12 4 4 4", "m-18,0h36m-18,-18v36m-9,-27l18,18m-18,0l18,-18")), // rose
 ];
 
 /// The styles of the first strategies that are not in the registry.

@@ -2,6 +2,7 @@
 
 mod assumed_link;
 mod battery;
+mod chance;
 mod each;
 mod expiry;
 mod figures;

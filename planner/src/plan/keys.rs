@@ -55,4 +55,6 @@ pub enum LookAheadPart {
     Annealing,
     /// Groups of sensor nodes as stops.
     Groups,
+    /// The choice among strategies by simulation, where links, arrivals, queues or rates are by chance.
+    Choice,
 }

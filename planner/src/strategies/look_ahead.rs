@@ -35,17 +35,6 @@ use crate::plan::objective::Objective;
 use crate::plan::planned::{PathStyle, PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
-/// In every slot it improves a plan of least predicted loss over the rest of the mission, or its next 2 400 slots, and
-/// flies the first slot of the plan: within range of the current stop, as near to the next one as possible; sP2 if the
-/// link is the bottleneck.
-pub const HORIZON: Registered =
-    Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
-        look_ahead(setup, setup.scenario.planner_keys("planner.horizon").expect("they were checked"), None)
-    })
-    .with_state()
-    .with_path()
-    .with_keys::<HorizonKeys>();
-
 /// A longer search before take-off makes such a plan, which is flown without changes.
 pub const OFFLINE: Registered =
     Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
@@ -93,6 +82,11 @@ fn look_ahead(setup: &Setup, keys: HorizonKeys, offline_steps: Option<u64>) -> B
         () if objective.is_loss() => Box::new(LookAhead::<Loss>::new(setup, keys, offline_steps)),
         () => Box::new(LookAhead::<Gaps>::new(setup, keys, offline_steps)),
     }
+}
+
+/// The look-ahead that improves its plan in every slot.
+pub(crate) fn horizon(setup: &Setup, keys: HorizonKeys) -> Box<dyn Strategy> {
+    look_ahead(setup, keys, None)
 }
 
 /// The look-ahead that searches before take-off only.

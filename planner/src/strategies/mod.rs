@@ -4,10 +4,12 @@
 //! [`crate::strategy`]. Messages, and transit without a decision, are left to [`crate::planner`].
 
 pub mod algorithm_1;
+pub mod best_of;
 pub mod drift_plus_penalty;
 pub mod edf;
 pub mod exact;
 pub mod gfs;
+pub mod horizon;
 pub mod hover;
 pub mod look_ahead;
 pub mod max_age_first;
@@ -51,7 +53,8 @@ pub static STRATEGIES: &[&Registered] = &[
     &drift_plus_penalty::STRATEGY,
     &whittle::STRATEGY,
     &hover::STRATEGY,
-    &look_ahead::HORIZON,
+    &horizon::STRATEGY,
+    &best_of::STRATEGY,
     &look_ahead::OFFLINE,
     &sca::STRATEGY,
 ];

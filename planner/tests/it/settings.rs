@@ -8,7 +8,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, resolve};
-use skysink_planner::strategies::look_ahead;
+use skysink_planner::strategies::horizon;
 
 fn city(text: &str) -> Result<Scenario, InputError> {
     let text = format!("name = \"x\"\n{text}");
@@ -69,7 +69,7 @@ fn a_planner_needs_checked_keys() {
     let learnt = change(city("").unwrap(), |settings| settings.rates = Rates::Learnt);
     assert!(learnt.unwrap_err().to_string().contains("planner.rates"));
     let mut longer = city("").unwrap();
-    look_ahead::HORIZON.set_keys(&mut longer, HorizonKeys::of(u32::MAX));
+    horizon::STRATEGY.set_keys(&mut longer, HorizonKeys::of(u32::MAX));
     let refusal = longer.planner_keys::<HorizonKeys>("planner.horizon").unwrap_err().to_string();
     assert!(refusal.ends_with("planner.horizon.iterations = 4294967295: expected 0 to 1000000000"), "{refusal}");
 }
