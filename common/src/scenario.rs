@@ -215,8 +215,8 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Reads the files and presets of `[link]` that `table` and `map` do not replace. The radius of a preset counts unless
-    /// the scenario `has_radius`.
+    /// Reads the files and presets of `[link]` that `table` and `map` do not replace. The radius of a preset counts
+    /// unless the scenario `has_radius`.
     fn read_link(
         &mut self,
         has_radius: bool,

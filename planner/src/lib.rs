@@ -26,6 +26,7 @@
 pub mod assumed_link;
 pub mod bound;
 mod cone_program;
+mod construction;
 pub mod fleet;
 pub mod gap_costs;
 pub mod geometry;

@@ -2,30 +2,23 @@
 //!
 //! Decisions are left to [`crate::strategies`], what the UAV believes to [`skysink_common::belief`].
 
-use std::borrow::Cow;
-use std::sync::Arc;
-
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::battery::BatteryState;
 use skysink_common::belief::{Belief, Believed};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
-use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::geometry::above;
-use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan};
 use skysink_common::nodes::Answer;
 use skysink_common::reported::ReportedQueues;
-use skysink_common::scenario::Scenario;
-use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 use skysink_common::told::{Heard, Received, Told};
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
 use crate::rules::{Duty, RuleBook, Ruled};
-use crate::settings;
-use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team, Timing, View};
+use crate::strategy::{Decision, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -80,79 +73,14 @@ struct Head {
     estimate: Option<SavedEstimate>,
 }
 
-/// The scenario whose range is smaller by `uav.waypoint_margin_m`: waypoints keep that distance from `d_c`.
-fn with_waypoint_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
-    let Some(margin_m) = scenario.uav.waypoint_margin_m else { return Cow::Borrowed(scenario) };
-    let mut within = scenario.clone();
-    within.link.comm_radius_m -= margin_m;
-    within.uav.waypoint_margin_m = None;
-    Cow::Owned(within)
-}
-
 impl Planner {
-    /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
-    ///
-    /// # Errors
-    /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        let make = Registered::of(scenario)?.make;
-        Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), &Stop::default())
-    }
-
-    /// The planner with the strategy that `make` makes instead of the scenario's. `stop` ends long preparations and
-    /// searches; a plan made after the request must not be flown.
-    ///
-    /// # Errors
-    /// As [`Planner::new`], and those of `make`.
-    pub fn by(
-        scenario: &Scenario,
-        sensors: &[SensorNode],
-        make: &mut MakeStrategy<'_>,
-        stop: &Stop,
-    ) -> Result<Self, InputError> {
-        Self::over(scenario, Arc::new(Sensors::of(scenario, sensors)), make, None, stop)
-    }
-
-    /// The same for a UAV of a team, with these sensor nodes, whatever the cells of their grid.
-    ///
-    /// # Errors
-    /// As [`Planner::by`].
-    pub fn over(
-        scenario: &Scenario,
-        sensors: Arc<Sensors>,
-        make: &mut MakeStrategy<'_>,
-        team: Option<Team<'_>>,
-        stop: &Stop,
-    ) -> Result<Self, InputError> {
-        let scenario = &*with_waypoint_margin(scenario);
-        let settings = settings::check(scenario)?;
-        let belief = Belief::new(scenario, &sensors, settings.estimated());
-        let table = MissionTable::new(scenario, belief.known_sensors(sensors));
-        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, team, stop };
-        Ok(Self {
-            strategy: make(&setup)?,
-            rules: RuleBook::new(&setup),
-            strategy_name: scenario.planner.strategy.clone(),
-            belief,
-            battery: BatteryState::initial(scenario),
-            reported: ReportedQueues::default(),
-            timing: Timing::Free,
-            stop: stop.clone(),
-            slot: 0,
-            heard: Heard::of(scenario),
-            path: Vec::with_capacity(MAX_PATH_POINTS),
-            room: Room::default(),
-            table,
-        })
-    }
-
-    /// The planner of a simulated mission of this setup, with this strategy.
-    pub(crate) fn simulated(setup: &Setup<'_>, strategy: Box<dyn Strategy>) -> Self {
+    /// The planner of this setup, with this strategy.
+    pub(crate) fn with(setup: &Setup<'_>, strategy: Box<dyn Strategy>) -> Self {
         let Setup { scenario, table, belief, stop, .. } = *setup;
         Self {
             strategy,
             rules: RuleBook::new(setup),
-            strategy_name: String::new(),
+            strategy_name: scenario.planner.strategy.clone(),
             belief: belief.clone(),
             battery: BatteryState::initial(scenario),
             reported: ReportedQueues::default(),
@@ -393,10 +321,10 @@ fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{WaypointSolver, change};
+    use crate::settings::{self, WaypointSolver, change};
     use skysink_common::geometry::Position;
-    use skysink_common::message::{NOBODY, SolverOutcome};
-    use skysink_common::scenario::Overrides;
+    use skysink_common::message::{NOBODY, SensorNode, SolverOutcome};
+    use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
 
     /// A planner for the paper's scenario with SNs at `positions_m` [m], gain −52 dB, and a top speed.

@@ -94,16 +94,16 @@ fn flight_at(view: &View<'_>) -> FlightReport {
 /// What the sensor node `id` samples in the mean of a slot, and its queue, as they may be [bit].
 fn drawn_sensor(view: &View<'_>, id: u32, random: &mut ChaCha8Rng) -> (f64, u32) {
     let mean_bits = view.belief.mean_bits(id);
+    let capacity_bits = view.table.sensors.sampler(id).capacity_bits;
     if !view.belief.belief.is_estimated() {
-        return (mean_bits, view.belief.queues_bits[id as usize]);
+        return (mean_bits, view.belief.queues_bits[id as usize].min(capacity_bits)); // a planner may be told of more
     }
     let mut spread = || 2.0 * fraction(random) - 1.0;
     let known = view.belief.uncertainty(id);
     let rate = known.rate * spread();
     let half_bits = known.initial_bits.hypot(3f64.sqrt() * known.arrivals_bits);
     let queue_bits = known.unbounded_bits + rate * known.since_contact_bits + half_bits * spread();
-    let capacity_bits = f64::from(view.table.sensors.sampler(id).capacity_bits);
-    (mean_bits * (1.0 + rate), queue_bits.clamp(0.0, capacity_bits) as u32)
+    (mean_bits * (1.0 + rate), queue_bits.clamp(0.0, capacity_bits.into()) as u32)
 }
 
 /// The sensor nodes as they are published, in slots of `slot_s` [s].
@@ -148,7 +148,7 @@ mod tests {
         let setup = owned.setup();
         let queues_bits = list.queues_bits();
         let view = View::at_start(&setup, &queues_bits, &owned.stop);
-        let mut planner = Planner::simulated(&setup, (gfs::STRATEGY.make)(&setup));
+        let mut planner = Planner::with(&setup, (gfs::STRATEGY.make)(&setup));
         let first = (gfs::STRATEGY.make)(&setup).plan(&view);
         Simulator::of(&setup).unwrap().draw(&view, draw, 40).fly(&view, &mut planner, first.as_ref())
     }

@@ -93,7 +93,7 @@ fn scenario(seed: u64) -> Scenario {
         "name = 'x'\nseed = {seed}\nslots = 150\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = 40\n\
          sampling_bps = [100.0, 900.0]\n[base]\n{areas}charge_w = {charge_w:?}\n[uav]\nmust_land = {must_land}\n[uav.battery]\n\
          capacity_j = {capacity_j:?}\n[planner]\nknowledge = '{knowledge}'\nobjective = '{objective}'\n\
-         horizon.iterations = 20\noffline.steps = 2000\n"
+         horizon.iterations = 20\noffline.steps = 2000\nbest-of = {{ iterations = 100, window = 10 }}\n"
     );
     scenario_of(&text, strategy)
 }

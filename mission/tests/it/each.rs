@@ -11,7 +11,7 @@ use skysink_planner::strategies::names;
 fn text(seed: u64, uav: &str) -> String {
     format!(
         "name = 'fleet'\nseed = {seed}\nslots = 50\n[area]\nside_m = 250.0\n[sensors]\ncount = 60\n\
-         sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 40\noffline.steps = 2000\n[base]\nradius_m = 9.0\n\
+         sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 40\noffline.steps = 2000\nbest-of = {{ iterations = 100, window = 10 }}\n[base]\nradius_m = 9.0\n\
          charge_w = 200.0\n[uav]\nmax_speed_mps = 20.0\nseparation_m = 3.0\n{uav}"
     )
 }

@@ -27,7 +27,7 @@ fn city(strategy: &'static str, speed_mps: f64, slots: u64, more: &str) -> Scena
         "name = 'city'\nslots = {slots}\n[area]\nwidth_m = 120.0\nheight_m = 94.0\n\
          no_fly = [{{ polygon_m = [[20, 20], [50, 20], [50, 60], [20, 60]] }}, {{ polygon_m = [[70, 0], [80, 0], [80, 70], [70, 70]] }}]\n\
          building = [{{ polygon_m = [[90, 30], [110, 30], [110, 50], [90, 50]], height_m = 50.0 }}]\n\
-         [sensors]\ncount = 30\n[link]\ncomm_radius_m = 15.0\n[planner]\nhorizon.iterations = 50\noffline.steps = 2000\n\
+         [sensors]\ncount = 30\n[link]\ncomm_radius_m = 15.0\n[planner]\nhorizon.iterations = 50\noffline.steps = 2000\nbest-of = {{ iterations = 100, window = 10 }}\n\
          [uav]\nmoves = 'grid'\ncell_m = {CELL_M:?}\nmax_speed_mps = {speed_mps:?}\n{more}"
     );
     scenario_of(&text, strategy)

@@ -27,7 +27,7 @@ fn scenario(count: usize, seed: u64, strategy: &'static str, keys: &str) -> Scen
     let text = format!(
         "name = 'x'\nseed = {seed}\nslots = 120\n[area]\nside_m = 300.0\nno_fly = [{}]\n[sensors]\ncount = 60\n\
          sampling_bps = [100.0, 900.0]\n[uav]\nstart_m = [160.0, 80.0]\n{keys}\n[planner]\nhorizon.iterations = 100\n\
-         offline.steps = 2000\n",
+         offline.steps = 2000\nbest-of = {{ iterations = 100, window = 10 }}\n",
         zones.join(", ")
     );
     scenario_of(&text, strategy)
@@ -124,7 +124,7 @@ fn town(strategy: &'static str) -> Scenario {
                 { polygon_m = [[120, 30], [140, 30], [140, 170], [120, 170]], height_m = 15 }]\n\
                 [sensors]\ncount = 50\nheight_m = 2.0\nsampling_bps = [500.0, 3000.0]\n[uav]\naltitude_m = 40.0\n\
                 [link]\nmodel = 'buildings'\ncomm_radius_m = 50.0\ntx_power_w = 0.002\n\
-                [planner]\nhorizon.iterations = 100\noffline.steps = 2000\n";
+                [planner]\nhorizon.iterations = 100\noffline.steps = 2000\nbest-of = { iterations = 100, window = 10 }\n";
     scenario_of(text, strategy)
 }
 

@@ -73,7 +73,9 @@ const OF_ONE_SLOT: [Registered; 11] = [
 /// Most sensor nodes: beyond that one strategy takes all the time of a slot.
 const MOST_SENSORS: usize = 2_000;
 
-/// Search steps of the simulated look-ahead in each slot.
+/// Search steps of the simulated look-ahead in each slot: a part of those of the look-ahead, so that the simulations of
+/// a slot take fewer, and at most so many.
+const SHORT_SEARCH_PART: u32 = 100;
 const SHORT_SEARCH: u32 = 60;
 
 /// Draws after which candidates that are clearly worse leave a comparison, and most draws of one.
@@ -122,11 +124,11 @@ pub(crate) fn best_of(setup: &Setup<'_>, ahead: HorizonKeys, keys: BestOfKeys) -
     let may_compare = setup.settings.objective.is_loss() && setup.table.sensors.count() <= MOST_SENSORS;
     let simulator = Simulator::of(setup).filter(|_| may_compare);
     let Some(simulator) = simulator else { return look_ahead::horizon(setup, ahead) };
-    let short = HorizonKeys { iterations: ahead.iterations.min(SHORT_SEARCH), ..ahead };
+    let short = HorizonKeys { iterations: (ahead.iterations / SHORT_SEARCH_PART).min(SHORT_SEARCH), ..ahead };
     let candidate = |strategy: Box<dyn Strategy>, simulated: Box<dyn Strategy>, is_stateless: bool| Candidate {
         strategy,
         is_stateless,
-        planner: Planner::simulated(setup, simulated),
+        planner: Planner::with(setup, simulated),
         lost_bits: Vec::new(),
     };
     let mut candidates = vec![candidate(look_ahead::horizon(setup, ahead), look_ahead::horizon(setup, short), false)];
@@ -149,9 +151,7 @@ impl BestOf {
         let slots = (self.slots + 1).saturating_sub(view.slot).clamp(1, u64::from(self.keys.window));
         let begin = Instant::now();
         let most = Duration::from_secs_f64(self.slot_s * PACED);
-        let is_over = || {
-            view.stop.requested().is_some() || view.timing == Timing::Paced && begin.elapsed() > most
-        };
+        let is_over = || view.stop.requested().is_some() || view.timing == Timing::Paced && begin.elapsed() > most;
         let before: Vec<Vec<u8>> = self.candidates.iter().map(Candidate::saved).collect();
         let first: Vec<Option<Decision>> =
             self.candidates.iter_mut().map(|candidate| candidate.strategy.plan(view)).collect();
@@ -273,8 +273,11 @@ impl Checkpoint for BestOf {
         let count = self.candidates.len();
         CheckpointError::ensure(state.followed < count && states.len() == count, "these candidates")?;
         let before: Vec<Vec<u8>> = self.candidates.iter().map(Candidate::saved).collect();
-        let restored =
-            self.candidates.iter_mut().zip(&states).try_for_each(|(candidate, state)| candidate.strategy.restore(state));
+        let restored = self
+            .candidates
+            .iter_mut()
+            .zip(&states)
+            .try_for_each(|(candidate, state)| candidate.strategy.restore(state));
         if restored.is_err() {
             let back = |(candidate, state): (&mut Candidate, &Vec<u8>)| candidate.strategy.restore(state);
             self.candidates.iter_mut().zip(&before).try_for_each(back).expect("it was just saved");
