@@ -15,6 +15,8 @@
 //! | [`mission_table`] | the constant data of a mission |
 //! | [`strategy`] | what a strategy is: its trait, input and output |
 //! | [`strategies`] | schedule and waypoint by each strategy |
+//! | [`simulation`] | a mission as it may go on, flown by a planner |
+//! | [`serving`] | the waypoint of a schedule, and the schedule of a waypoint |
 //! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
 //! | [`plan`] | plans over many slots |
 //! | [`gap_costs`] | what the time between two visits of a sensor costs |
@@ -40,6 +42,7 @@ pub mod plan;
 pub mod planner;
 pub mod route;
 pub mod rules;
+pub mod serving;
 pub mod settings;
 pub mod simulation;
 pub mod strategies;

@@ -1,7 +1,7 @@
 //! A mission as it may go on: the field and the UAV, flown by a planner from what a view sees.
 //!
-//! What is not known is drawn: links, sight, arrivals, and where they are estimated queues and rates. The same number of
-//! a draw gives the same draws to all planners. The slot itself is that of the mission, [`Field`] and [`Fleet`].
+//! What is not known is drawn: links, sight, arrivals, and where they are estimated queues and rates. The same number
+//! of a draw gives the same draws to all planners. The slot itself is that of the mission, [`Field`] and [`Fleet`].
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;

@@ -17,7 +17,7 @@ use skysink_planner::geometry::disks::Disk;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::route::route::Route;
 use skysink_planner::rules::RuleBook;
-use skysink_planner::strategies::serving::{fill_fullest_in_range, fill_most_in_range};
+use skysink_planner::serving::{fill_fullest_in_range, fill_most_in_range};
 use skysink_planner::strategy::{OwnedSetup, Setup};
 
 use crate::errors::refused;

@@ -15,7 +15,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SolverOutcome};
 use skysink_common::stop::Stop;
 use skysink_planner::node::ROOM;
-use skysink_planner::strategies::serving::Serving;
+use skysink_planner::serving::Serving;
 use skysink_planner::strategy::{Decision, Setup, Strategy, View};
 
 use crate::belief::Contacts;

@@ -142,8 +142,8 @@ pub struct Bridge {
     pub ends: SlotEnds,
 }
 
-/// The state in which the control of a vehicle begins: `saved` is that of the bridge before, `mode` what the vehicle's last
-/// report says.
+/// The state in which the control of a vehicle begins: `saved` is that of the bridge before, `mode` what the vehicle's
+/// last report says.
 fn begun(saved: Option<State>, beginning: Beginning, mode: Mode) -> State {
     match (saved, beginning) {
         (None, _) if mode == Mode::Down => State::Done, // of a run on another host

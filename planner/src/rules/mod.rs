@@ -15,8 +15,8 @@ use skysink_common::geometry::above;
 use skysink_common::message::Mode;
 
 use crate::route::way_home::Returning;
-use crate::strategies::serving::Serving;
-use crate::strategies::transit::transit_decision;
+use crate::serving::Serving;
+use crate::serving::transit::transit_decision;
 use crate::strategy::{Decision, Setup, View};
 
 /// What a UAV has to do in a slot.

@@ -7,7 +7,7 @@ use skysink_common::geometry::{Position, within};
 use skysink_common::told::Told;
 
 use crate::mission_table::MissionTable;
-use crate::strategies::nearby::{Nearby, Spot, may_share, sum_bits};
+use crate::serving::nearby::{Nearby, Spot, may_share, sum_bits};
 use crate::strategy::{CIRCLES, Pair, Winner};
 
 /// The anchors and circles that Algorithm 1 considers reachable from `L_u(t−1)`.

@@ -17,7 +17,7 @@
 
 use skysink_common::geometry::distance_squared;
 
-use super::serving::Serving;
+use crate::serving::Serving;
 use crate::strategy::{Registered, Setup, Strategy, View, rule};
 
 /// The strategy in the registry.

@@ -27,8 +27,8 @@ use skysink_common::told::Told;
 
 use crate::geometry::disks::{Disk, crossings, project};
 use crate::mission_table::MissionTable;
-use crate::strategies::nearby::{Nearby, Spot, may_share, sum_bits};
-use crate::strategies::serving::Serving;
+use crate::serving::Serving;
+use crate::serving::nearby::{Nearby, Spot, may_share, sum_bits};
 use crate::strategy::{Decision, Registered, rule};
 use crate::waypoint::problem::Waypoint;
 

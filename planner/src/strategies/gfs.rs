@@ -5,9 +5,9 @@
 use skysink_common::geometry::Position;
 use skysink_common::told::Told;
 
-use super::nearby::fullest_first;
-use super::serving::Serving;
 use crate::mission_table::MissionTable;
+use crate::serving::Serving;
+use crate::serving::nearby::fullest_first;
 use crate::strategy::{Registered, rule};
 
 /// The strategy in the registry.

@@ -1,8 +1,8 @@
-//! `horizon`: receding-horizon planning. In every slot it improves a plan for the rest of the mission, or its next 2 400
-//! slots, and flies the first slot of the plan.
+//! `horizon`: receding-horizon planning. In every slot it improves a plan for the rest of the mission, or its next
+//! 2 400 slots, and flies the first slot of the plan.
 //!
-//! Where links, arrivals, queues or rates are by chance, a plan may be worth less than a simple rule: there it is one of
-//! the strategies that are compared by simulation ([`super::best_of`]).
+//! Where links, arrivals, queues or rates are by chance, a plan may be worth less than a simple rule. There it is one
+//! of the strategies that are compared by simulation ([`super::best_of`]).
 
 use super::best_of::{BestOfKeys, best_of};
 use super::look_ahead;

@@ -13,11 +13,11 @@ use skysink_common::geometry::{Position, above, distance_squared};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
-use super::nearby::fullest_first;
-use super::serving::Serving;
 use crate::geometry::circle::Circle;
 use crate::geometry::disks::{Disk, nearest_in_both};
 use crate::mission_table::MissionTable;
+use crate::serving::Serving;
+use crate::serving::nearby::fullest_first;
 use crate::strategy::{Decision, Registered, View, rule};
 
 /// Distances at which visits over a random channel are valued.

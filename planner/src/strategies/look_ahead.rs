@@ -21,7 +21,6 @@ use skysink_common::keys::Accepts;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, SolverOutcome};
 use skysink_common::stop::Stop;
 
-use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
 use crate::plan::carried_plan::{CarriedPlan, PlanStyle};
@@ -33,6 +32,7 @@ use crate::plan::long_search::{SearchOutcome, Watch};
 use crate::plan::loss::Loss;
 use crate::plan::objective::Objective;
 use crate::plan::planned::{PathStyle, PlannedSlot, planned_path, planned_slot};
+use crate::serving::Serving;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// A longer search before take-off makes such a plan, which is flown without changes.

@@ -5,8 +5,8 @@
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 
-use super::nearby::fullest_first;
-use super::serving::Serving;
+use crate::serving::Serving;
+use crate::serving::nearby::fullest_first;
 use crate::strategy::{Decision, Registered, Strategy, View};
 
 /// The strategy in the registry.

@@ -35,9 +35,9 @@ use self::objective::QueueWeightObjective;
 pub(crate) use self::objective::Service;
 use self::peaks::Best;
 use super::exact::ExactSearch;
-use super::nearby::fullest_first;
-use super::serving::Serving;
 use crate::geometry::disks::{Disk, project};
+use crate::serving::Serving;
+use crate::serving::nearby::fullest_first;
 use crate::strategy::{Decision, Setup, Strategy, View};
 
 /// Most SNs that give candidate waypoints. It keeps the time of a slot linear, not quadratic, in the SNs near the UAV.

@@ -7,8 +7,8 @@ use skysink_common::geometry::{Position, within};
 use skysink_common::interpolation::interpolate;
 use skysink_common::random::{Purpose, Streams};
 
-use super::serving::Serving;
 use crate::mission_table::MissionTable;
+use crate::serving::Serving;
 use crate::strategy::{Registered, rule};
 
 /// The strategy in the registry.

@@ -23,10 +23,10 @@ use skysink_common::geometry::{Position, above};
 use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
 
-use super::serving::Serving;
 use super::tour;
 use super::turns::InTurn;
 use crate::mission_table::MissionTable;
+use crate::serving::Serving;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 use rehearsal::{FlightPlan, Rehearsal};
 use stops::{TimedStop, stops_of};

@@ -6,9 +6,9 @@ use nalgebra::Point3;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::{Position, within};
 
-use super::serving::Serving;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
+use crate::serving::Serving;
 use crate::strategy::{Decision, Setup, Strategy, Team, View};
 
 /// The waypoint from a position toward the current SN, `[0]`, given the next one, `[1]`, and the current one's point of

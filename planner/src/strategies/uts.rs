@@ -1,7 +1,7 @@
 //! `uts`, the strategy of the UTS letter (arXiv 2103.00753): sP1 by Algorithm 1, then the waypoint by sP2.
 
 use super::algorithm_1::{Reach, Search};
-use super::serving::Serving;
+use crate::serving::Serving;
 use crate::strategy::{Decision, Registered, Setup, Strategy, rule};
 
 /// The schedule is the best of five circles around each pair of sensor nodes within `V τ − d_c` (Algorithm 1), the

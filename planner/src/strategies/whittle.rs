@@ -32,9 +32,9 @@ use std::cmp::Reverse;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::distance_squared;
 
-use super::nearby::fullest_first;
-use super::serving::Serving;
 use crate::geometry::disks::Disk;
+use crate::serving::Serving;
+use crate::serving::nearby::fullest_first;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.

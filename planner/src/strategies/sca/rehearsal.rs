@@ -10,7 +10,7 @@ use skysink_common::told::Heard;
 
 use super::stops::{FlownService, TimedStop, range};
 use crate::geometry::disks::{Disk, project};
-use crate::strategies::serving::Serving;
+use crate::serving::Serving;
 use crate::strategies::turns::InTurn;
 use crate::strategy::{Decision, Strategy, Timing, View};
 

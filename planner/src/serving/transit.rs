@@ -2,7 +2,7 @@
 
 use skysink_common::geometry::{Position, distance_squared};
 
-use super::serving::Serving;
+use super::Serving;
 use crate::strategy::{Decision, View};
 
 /// The decision of a slot that the strategy leaves to transit: it serves the fullest queues around the waypoint.

@@ -1,17 +1,20 @@
 //! The waypoint of a schedule, and the schedule of a waypoint: the last step of most strategies.
 
+pub(crate) mod nearby;
+pub mod transit;
+
 use nalgebra::Point3;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 use skysink_common::nodes::Answer;
 use skysink_common::told::Told;
 
-use super::nearby::fullest_first;
 use crate::keys::Settings;
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Setup, View};
 use crate::waypoint::Solver;
 use crate::waypoint::problem::Waypoint;
+use nearby::fullest_first;
 
 /// Computes waypoints and schedules, without allocations in a slot.
 pub struct Serving {
