@@ -165,7 +165,10 @@ mod tests {
 
     #[test]
     fn draws_differ_by_number_alone() {
-        for keys in ["arrivals = { model = 'on-off' }\n", "[link]\ngain = 'per-slot'\ngain_db = [-100.0, -60.0]\n"] {
+        for keys in [
+            "arrivals = { model = 'on-off' }\n",
+            "[link]\ngain = 'per-slot'\ngain_db = [-100.0, -60.0]\nbandwidth_hz = 2e3\n",
+        ] {
             let (owned, list) = mission(keys);
             let draws = [0, 1, 0].map(|draw| simulated(&owned, &list, draw));
             assert!(draws[0] == draws[2] && draws[0] != draws[1], "{draws:?}");

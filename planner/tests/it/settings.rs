@@ -24,7 +24,8 @@ fn planner_defaults_are_the_papers_values_and_visible() {
     assert_eq!(settings, Settings::of(&city("").unwrap()).unwrap());
     let keys = "[planner]\nstrategy = \"uts\"\nsca_iterations = 1\nwaypoint_solver = \"geometric\"\nknowledge = \"oracle\"\n\
                 rates = \"known\"\nobjective = \"loss\"\n\n[planner.mes]\ndeadline_weight = 0.1\n\n[planner.max-weight]\nservice = \"upload\"\n\n[planner.drift-plus-penalty]\n\
-                price_bits2_per_j = 300000.0\n\n[planner.horizon]\niterations = 6000\n\n[planner.offline]\nsteps = 1000000\n\n[planner.sca]\niterations = 20\n";
+                price_bits2_per_j = 300000.0\n\n[planner.horizon]\niterations = 6000\n\n[planner.best-of]\n\
+                iterations = 6000\nsimulated_slots = 50\nwindow = 100\n\n[planner.offline]\nsteps = 1000000\n\n[planner.sca]\niterations = 20\n";
     assert!(scenario.to_toml().ends_with(keys), "{}", scenario.to_toml());
 }
 
