@@ -3,6 +3,7 @@
 //! What one UAV does is left to [`crate::flight`].
 
 use nalgebra::Point3;
+use skysink_common::channel::Channel;
 use skysink_common::interpolation::interpolate;
 use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
@@ -81,10 +82,10 @@ impl Fleet {
         }
     }
 
-    /// These UAVs, whose links and ends of slots are drawn from another `seed`.
+    /// These UAVs, whose links, of the distribution `law`, and ends of slots are drawn from another `seed`.
     #[must_use]
-    pub fn redrawn(&self, seed: u64) -> Self {
-        Self { uavs: self.uavs.iter().map(|uav| uav.redrawn(seed)).collect(), ..self.clone() }
+    pub fn redrawn(&self, law: &Channel, seed: u64) -> Self {
+        Self { uavs: self.uavs.iter().map(|uav| uav.redrawn(law, seed)).collect(), ..self.clone() }
     }
 
     /// The reports of slot 0: the UAVs at their starts.

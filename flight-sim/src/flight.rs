@@ -78,10 +78,10 @@ impl Flight {
         other
     }
 
-    /// This UAV, whose links and ends of slots are drawn from another `seed`.
-    pub(crate) fn redrawn(&self, seed: u64) -> Self {
+    /// This UAV, whose links, of the distribution `law`, and ends of slots are drawn from another `seed`.
+    pub(crate) fn redrawn(&self, law: &Channel, seed: u64) -> Self {
         let streams = Streams::new(seed);
-        Self { streams, channel: DrawnChannel::new(self.channel.law().clone(), streams), ..self.clone() }
+        Self { streams, channel: DrawnChannel::new(law.clone(), streams), ..self.clone() }
     }
 
     /// Whether a slot that flies by `plan` would end within `separation_m` [m] of another UAV's `end`, outside of the

@@ -11,6 +11,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::settings::{self, Knowledge, Rates, Settings};
+use skysink_planner::strategies::best_of::{self, BestOfKeys};
 use skysink_planner::strategies::horizon;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
@@ -42,6 +43,7 @@ pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> 
     let mut scenario = scenario.clone();
     scenario.planner.strategy = (*u.choose(&names())?).to_owned();
     horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys::of(20));
+    best_of::STRATEGY.set_keys(&mut scenario, BestOfKeys { iterations: 20, simulated_slots: 50, window: 10 });
     look_ahead::OFFLINE.set_keys(&mut scenario, OfflineKeys { steps: 200 });
     let estimated = [Rates::Known, Rates::Learnt].map(|rates| (Knowledge::Estimated, rates));
     let (knowledge, rates) = *u.choose(&[(Knowledge::Oracle, Rates::Known), estimated[0], estimated[1]])?;

@@ -20,7 +20,6 @@ fn with_waypoint_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
     let Some(margin_m) = scenario.uav.waypoint_margin_m else { return Cow::Borrowed(scenario) };
     let mut within = scenario.clone();
     within.link.comm_radius_m -= margin_m;
-    within.uav.waypoint_margin_m = None;
     Cow::Owned(within)
 }
 

@@ -100,6 +100,7 @@ impl Planner {
         self.battery = view.battery;
         self.reported = ReportedQueues::default();
         self.heard.clone_from(view.heard);
+        self.stop = view.stop.clone();
     }
 
     /// Observes the flight of `slot`, and what is told after it. Must be called for every slot before the next is

@@ -9,6 +9,7 @@ use skysink_common::arrivals::Arrivals;
 use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::random::{Purpose, Streams, fraction};
+use skysink_common::scenario::Coordination;
 use skysink_common::sensors::Sensors;
 use skysink_common::told::Received;
 use skysink_field_sim::Field;
@@ -34,16 +35,23 @@ pub struct Drawn {
 }
 
 impl Simulator {
-    /// The simulator of the mission of a UAV that flies alone; `None` of several, or of sensor nodes with features,
-    /// whose state a view does not tell.
+    /// The simulator of the mission of a UAV that has its sensor nodes to itself, alone or as a part of the field, and
+    /// keeps no distance from others; `None` of others, or of sensor nodes with features, whose state a view does not
+    /// tell.
     #[must_use]
     pub fn of(setup: &Setup<'_>) -> Option<Self> {
         let Setup { scenario, table, .. } = *setup;
-        let is_alone = setup.team.is_none() && scenario.uav.uavs() == 1;
+        let shares = setup.team.is_some() || scenario.uav.coordination == Some(Coordination::Independent);
+        let is_alone = !shares && scenario.uav.uavs() == 1 && scenario.uav.separation_m.is_none();
         let is_plain = !table.sensors.may_refuse && table.sensors.sampling.lasting_slots().is_infinite();
-        (is_alone && is_plain).then(|| Self {
-            fleet: Fleet::new(scenario, &nodes_of(&table.sensors, scenario.slot_s)),
-            streams: Streams::new(scenario.seed),
+        (is_alone && is_plain).then(|| {
+            // Links reach farther than waypoints with a margin.
+            let mut flown = scenario.clone();
+            flown.link.comm_radius_m += scenario.uav.waypoint_margin_m.unwrap_or(0.0);
+            Self {
+                fleet: Fleet::new(&flown, &nodes_of(&table.sensors, scenario.slot_s)),
+                streams: Streams::new(scenario.seed),
+            }
         })
     }
 
@@ -56,7 +64,7 @@ impl Simulator {
         let (means_bits, queues_bits) = sensors.ids().map(|id| drawn_sensor(view, id, &mut random)).unzip();
         let arrivals = Arrivals::of(view.table.arrivals, None, Streams::new(seed), sensors.count(), slots);
         let sampling = sensors.sampling.with_means(means_bits).with_arrivals(arrivals);
-        let mut fleet = self.fleet.redrawn(seed);
+        let mut fleet = self.fleet.redrawn(&view.table.channel, seed); // the link as plans take it
         fleet.restore(&[flight_at(view)]);
         Drawn { fleet, field: Field::over(Ledger::new(sampling, queues_bits), slots), slots }
     }
@@ -176,11 +184,28 @@ mod tests {
     }
 
     #[test]
+    fn links_are_those_that_plans_reckon_with() {
+        let narrow = "[link]\nbandwidth_hz = 5e3\n";
+        let [as_is, as_taken] = ["", "[planner.link]\nsnr_offset_db = -20.0\n"].map(|keys| {
+            let (owned, list) = mission(&format!("{narrow}{keys}"));
+            simulated(&owned, &list, 0)
+        });
+        assert!(as_taken > as_is, "{as_taken} and {as_is}");
+    }
+
+    #[test]
     fn what_a_view_does_not_tell_is_not_simulated() {
-        let several = "[uav]\ncount = 2\n";
-        let expiring = "expiry_s = 20.0\n";
-        for keys in [several, expiring] {
-            assert!(Simulator::of(&mission(keys).0.setup()).is_none(), "{keys}");
+        let is_simulated = |keys: &str| {
+            let (owned, list) = mission(keys);
+            let alone = OwnedSetup::new(owned.scenario.of_uav(0), &list.nodes()).unwrap();
+            Simulator::of(&alone.setup()).is_some()
+        };
+        for keys in ["", "[uav]\ncount = 2\n"] {
+            assert!(is_simulated(keys), "{keys}: its part of the field is its own");
+        }
+        let near = "[uav]\ncount = 2\nseparation_m = 3.0\n";
+        for keys in [near, "[uav]\ncount = 2\ncoordination = 'independent'\n", "expiry_s = 20.0\n"] {
+            assert!(!is_simulated(keys), "{keys}");
         }
     }
 }

@@ -22,6 +22,7 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::tally::Tally;
 use skysink_planner::plan::keys::HorizonKeys;
+use skysink_planner::strategies::best_of::{self, BestOfKeys};
 use skysink_planner::strategies::horizon;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
@@ -40,6 +41,7 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
     look_ahead::OFFLINE.set_keys(&mut scenario, OfflineKeys { steps: 5_000 });
     horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys::of(200));
+    best_of::STRATEGY.set_keys(&mut scenario, BestOfKeys { iterations: 200, simulated_slots: 50, window: 20 });
     scenario
 }
 

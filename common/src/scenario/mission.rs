@@ -265,12 +265,12 @@ impl Scenario {
         own.map_or(self.slots, |own| own.min(self.slots))
     }
 
-    /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one
-    /// UAV.
+    /// The mission of the UAV number `uav` alone, with its own start, endurance and random numbers; the scenario itself
+    /// for one UAV without an endurance of its own.
     #[must_use]
     pub fn of_uav(&self, uav: usize) -> Self {
         let mut alone = self.with_kind_of(uav);
-        if self.uav.uavs() > 1 {
+        if self.uav.uavs() > 1 || self.endurance_s_of(uav).is_some() {
             let start = self.start_of(uav);
             let start_m = Some([start.x, start.y]);
             let endurance_s = self.endurance_s_of(uav).unwrap_or(alone.uav.endurance_s);

@@ -20,7 +20,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::settings;
-use skysink_planner::strategies::{STRATEGIES, horizon, look_ahead};
+use skysink_planner::strategies::{STRATEGIES, best_of, horizon, look_ahead};
 
 use generator::{Generator, RandomMission};
 
@@ -84,7 +84,8 @@ fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
 
 fn compare(number: u64, missions: &[RandomMission], steps: u64) -> Outcome {
     let mean = |strategy| missions.iter().map(|files| fly(files, strategy, steps)).sum::<f64>() / missions.len() as f64;
-    let rivals = STRATEGIES.iter().filter(|other| ***other != horizon::STRATEGY && ***other != look_ahead::OFFLINE);
+    let ahead = [horizon::STRATEGY, best_of::STRATEGY, look_ahead::OFFLINE];
+    let rivals = STRATEGIES.iter().filter(|other| !ahead.contains(other));
     let best = rivals.map(|other| (mean(other.name), other.name)).min_by(|a, b| a.0.total_cmp(&b.0));
     let begin = Instant::now();
     let horizon = mean(horizon::STRATEGY.name);

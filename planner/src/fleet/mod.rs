@@ -159,7 +159,13 @@ impl FleetPlanner {
     ) -> Result<Self, InputError> {
         let uavs = scenario.uav.uavs();
         if uavs == 1 {
-            return Ok(Planner::by(scenario, sensors, make, stop)?.into());
+            let mut fleet = Self::from(Planner::by(&scenario.of_uav(0), sensors, make, stop)?);
+            if scenario.endurance_s_of(0).is_some() {
+                let slots = scenario.slots_of(0);
+                fleet.members[0].last = slots;
+                fleet.members[0].endurance = slots;
+            }
+            return Ok(fleet);
         }
         let coordination = scenario.uav.coordination.unwrap_or_default();
         let reservations = ReservationTable::of(scenario);

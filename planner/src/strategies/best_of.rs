@@ -16,7 +16,8 @@ use skysink_common::keys::Accepts;
 use skysink_common::message::FlightReport;
 
 use super::{
-    drift_plus_penalty, edf, exact, gfs, hover, look_ahead, max_age_first, max_weight, mes, tour, uts_wide, whittle,
+    drift_plus_penalty, edf, exact, gfs, hover, look_ahead, max_age_first, max_weight, mes, tour, uts, uts_wide,
+    whittle,
 };
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
@@ -29,7 +30,8 @@ use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 pub const STRATEGY: Registered =
     Registered::new("best-of", "whichever other strategy loses least in simulations of what may come", |setup| {
         let keys: BestOfKeys = setup.scenario.planner_keys("planner.best-of").expect("they were checked");
-        best_of(setup, HorizonKeys::of(keys.iterations), keys)
+        let ahead: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
+        best_of(setup, HorizonKeys { iterations: keys.iterations, ..ahead }, keys)
     })
     .with_state()
     .with_path()
@@ -49,14 +51,8 @@ skysink_common::keys! {
     }
 }
 
-impl Default for BestOfKeys {
-    fn default() -> Self {
-        Self { iterations: 6000, simulated_slots: 50, window: 100 }
-    }
-}
-
 /// The candidates that plan slot by slot.
-const OF_ONE_SLOT: [Registered; 11] = [
+const OF_ONE_SLOT: [Registered; 12] = [
     max_weight::STRATEGY,
     drift_plus_penalty::STRATEGY,
     exact::STRATEGY,
@@ -64,6 +60,7 @@ const OF_ONE_SLOT: [Registered; 11] = [
     mes::STRATEGY,
     tour::STRATEGY,
     hover::STRATEGY,
+    uts::STRATEGY,
     uts_wide::STRATEGY,
     edf::STRATEGY,
     whittle::STRATEGY,
@@ -85,7 +82,14 @@ const MOST_DRAWS: u32 = 16;
 /// Standard errors of a paired difference beyond which a candidate is worse.
 const CLEARLY: f64 = 2.5;
 
-/// Longest comparison in a paced mission, as a fraction of the slot.
+/// A comparison counts at most for this part of what is left of the mission, so that short missions are not flown by
+/// one that was made when little was known.
+const NEXT_PART: u64 = 2;
+
+/// Least part of its loss that a worse candidate loses more.
+const LEAST_PART: f64 = 0.01;
+
+/// Time of the simulations in a paced mission, as a fraction of the time for a plan, after which no other draw begins.
 const PACED: f64 = 0.2;
 
 /// A strategy that may be followed.
@@ -93,6 +97,8 @@ struct Candidate {
     /// As it flies.
     strategy: Box<dyn Strategy>,
     is_stateless: bool,
+    /// Its state before the first slot, in which it begins while another one is followed.
+    initial: Vec<u8>,
     /// As it is simulated.
     planner: Planner,
     /// What it lost in each draw of the last comparison it was in [bit].
@@ -112,6 +118,7 @@ struct State {
 pub struct BestOf {
     simulator: Simulator,
     candidates: Vec<Candidate>,
+    ahead: HorizonKeys,
     keys: BestOfKeys,
     slots: u64,
     slot_s: f64,
@@ -126,6 +133,7 @@ pub(crate) fn best_of(setup: &Setup<'_>, ahead: HorizonKeys, keys: BestOfKeys) -
     let Some(simulator) = simulator else { return look_ahead::horizon(setup, ahead) };
     let short = HorizonKeys { iterations: (ahead.iterations / SHORT_SEARCH_PART).min(SHORT_SEARCH), ..ahead };
     let candidate = |strategy: Box<dyn Strategy>, simulated: Box<dyn Strategy>, is_stateless: bool| Candidate {
+        initial: saved(&*strategy),
         strategy,
         is_stateless,
         planner: Planner::with(setup, simulated),
@@ -138,6 +146,7 @@ pub(crate) fn best_of(setup: &Setup<'_>, ahead: HorizonKeys, keys: BestOfKeys) -
     Box::new(BestOf {
         simulator,
         candidates,
+        ahead,
         keys,
         slots: setup.scenario.slots,
         slot_s: setup.scenario.slot_s,
@@ -149,13 +158,11 @@ impl BestOf {
     /// Compares the candidates from the slot of `view` on, and follows the best; returns its decision.
     fn compare(&mut self, view: &View<'_>) -> Option<Decision> {
         let slots = (self.slots + 1).saturating_sub(view.slot).clamp(1, u64::from(self.keys.window));
-        let begin = Instant::now();
-        let most = Duration::from_secs_f64(self.slot_s * PACED);
-        let is_over = || view.stop.requested().is_some() || view.timing == Timing::Paced && begin.elapsed() > most;
-        let before: Vec<Vec<u8>> = self.candidates.iter().map(Candidate::saved).collect();
         let first: Vec<Option<Decision>> =
             self.candidates.iter_mut().map(|candidate| candidate.strategy.plan(view)).collect();
-        let after: Vec<Vec<u8>> = self.candidates.iter().map(Candidate::saved).collect();
+        let after: Vec<Vec<u8>> = self.candidates.iter().map(|candidate| saved(&*candidate.strategy)).collect();
+        let end = self.end_of_simulations(view);
+        let is_over = || view.stop.requested().is_some() || end.is_some_and(|end| Instant::now() > end);
         let mut left: Vec<usize> = (0..self.candidates.len()).collect();
         self.candidates.iter_mut().for_each(|candidate| candidate.lost_bits.clear());
         let mut simulated = 0;
@@ -167,24 +174,43 @@ impl BestOf {
                 candidate.lost_bits.push(lost_bits);
                 simulated += slots;
             }
-            if is_over() {
-                break;
-            }
-            if (draw + 1) % DRAWS == 0 {
+            let is_over = is_over();
+            if is_over || (draw + 1) % DRAWS == 0 {
                 self.leave(&mut left);
-                if left.len() == 1 {
+                if is_over || self.are_equal(&left) {
                     break;
                 }
             }
         }
         self.state.followed = self.chosen(&left);
-        self.state.next = view.slot + simulated.div_ceil(u64::from(self.keys.simulated_slots));
+        let left_slots = (self.slots + 1).saturating_sub(view.slot);
+        let wait_slots = simulated.div_ceil(u64::from(self.keys.simulated_slots));
+        self.state.next = view.slot + wait_slots.min(left_slots.div_ceil(NEXT_PART)).max(1);
+        self.forget_others();
+        first[self.state.followed].clone()
+    }
+
+    /// When the simulations of the slot of `view` have to end; `None` if they do not.
+    fn end_of_simulations(&self, view: &View<'_>) -> Option<Instant> {
+        if view.timing != Timing::Paced {
+            return None;
+        }
+        let budget_s = self.ahead.budget(view).map_or(self.slot_s, |budget| budget.as_secs_f64());
+        Instant::now().checked_add(Duration::try_from_secs_f64(budget_s * PACED).ok()?)
+    }
+
+    /// Lets all that are not followed begin anew, because nobody tells them what others fly.
+    fn forget_others(&mut self) {
         for (index, candidate) in self.candidates.iter_mut().enumerate() {
             if index != self.state.followed && !candidate.is_stateless {
-                candidate.strategy.restore(&before[index]).expect("it was just saved");
+                candidate.strategy.restore(&candidate.initial).expect("it was just saved");
             }
         }
-        first[self.state.followed].clone()
+    }
+
+    /// Whether nothing is left to compare: one candidate, or equal losses in all draws.
+    fn are_equal(&self, left: &[usize]) -> bool {
+        left.windows(2).all(|pair| self.candidates[pair[0]].lost_bits == self.candidates[pair[1]].lost_bits)
     }
 
     /// Leaves those out that lose clearly more than the best.
@@ -206,13 +232,14 @@ impl BestOf {
     }
 }
 
-impl Candidate {
-    fn saved(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        self.strategy.save(&mut bytes);
-        bytes
-    }
+/// The state of a strategy.
+fn saved(strategy: &dyn Strategy) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    strategy.save(&mut bytes);
+    bytes
+}
 
+impl Candidate {
     /// What is lost in the mission that was drawn [bit], with its `first` decision, `after` which it has this state.
     fn simulate(&mut self, view: &View<'_>, drawn: Drawn, first: Option<&Decision>, after: &[u8]) -> f64 {
         if !self.is_stateless {
@@ -226,13 +253,13 @@ fn mean(numbers: &[f64]) -> f64 {
     numbers.iter().sum::<f64>() / numbers.len() as f64
 }
 
-/// Whether losses are clearly more than `others`, draw by draw.
+/// Whether losses are clearly more than `others`, draw by draw, and by more than a hundredth.
 fn is_worse(losses: &[f64], others: &[f64]) -> bool {
     let apart: Vec<f64> = losses.iter().zip(others).map(|(a, b)| a - b).collect();
     let middle = mean(&apart);
     let squares: f64 = apart.iter().map(|apart| (apart - middle).powi(2)).sum();
     let error = (squares / (apart.len() as f64 - 1.0) / apart.len() as f64).sqrt();
-    middle > CLEARLY * error
+    middle > CLEARLY * error && middle > LEAST_PART * mean(losses)
 }
 
 impl Strategy for BestOf {
@@ -264,26 +291,15 @@ impl Strategy for BestOf {
 
 impl Checkpoint for BestOf {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let states: Vec<Vec<u8>> = self.candidates.iter().map(Candidate::saved).collect();
-        encode(&(&self.state, states), bytes);
+        encode(&(&self.state, saved(&*self.candidates[self.state.followed].strategy)), bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let (state, states): (State, Vec<Vec<u8>>) = decode(bytes)?;
-        let count = self.candidates.len();
-        CheckpointError::ensure(state.followed < count && states.len() == count, "these candidates")?;
-        let before: Vec<Vec<u8>> = self.candidates.iter().map(Candidate::saved).collect();
-        let restored = self
-            .candidates
-            .iter_mut()
-            .zip(&states)
-            .try_for_each(|(candidate, state)| candidate.strategy.restore(state));
-        if restored.is_err() {
-            let back = |(candidate, state): (&mut Candidate, &Vec<u8>)| candidate.strategy.restore(state);
-            self.candidates.iter_mut().zip(&before).try_for_each(back).expect("it was just saved");
-            return restored;
-        }
+        let (state, followed): (State, Vec<u8>) = decode(bytes)?;
+        CheckpointError::ensure(state.followed < self.candidates.len(), "a candidate")?;
+        self.candidates[state.followed].strategy.restore(&followed)?;
         self.state = state;
+        self.forget_others();
         Ok(())
     }
 }
@@ -295,9 +311,10 @@ mod tests {
     #[test]
     fn a_paired_difference_decides_although_draws_differ_more() {
         let hard_and_easy = [100.0, 900.0, 500.0, 20.0];
-        let others = hard_and_easy.map(|bits| bits - 9.0 - bits / 1e3);
+        let others = hard_and_easy.map(|bits| bits - 9.0 - bits / 1e2);
         assert!(is_worse(&hard_and_easy, &others) && !is_worse(&others, &hard_and_easy));
         assert!(!is_worse(&hard_and_easy, &hard_and_easy), "equal ones stay");
         assert!(!is_worse(&[10.0, 0.0, 10.0, 0.0], &[0.0, 10.0, 0.0, 9.0]), "nothing is decided");
+        assert!(!is_worse(&[1000.0; 4], &[999.0; 4]), "a thousandth");
     }
 }

@@ -4,7 +4,7 @@
 //! Where links, arrivals, queues or rates are by chance, a plan may be worth less than a simple rule. There it is one
 //! of the strategies that are compared by simulation ([`super::best_of`]).
 
-use super::best_of::{BestOfKeys, best_of};
+use super::best_of::best_of;
 use super::look_ahead;
 use skysink_common::channel::ChannelModel;
 
@@ -20,7 +20,7 @@ pub const STRATEGY: Registered =
         if is_certain(setup) || keys.without == Some(LookAheadPart::Choice) {
             look_ahead::horizon(setup, keys)
         } else {
-            best_of(setup, keys, BestOfKeys::default())
+            best_of(setup, keys, setup.scenario.planner_keys("planner.best-of").expect("they were checked"))
         }
     })
     .with_state()
