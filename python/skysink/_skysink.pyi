@@ -343,7 +343,8 @@ class View:
         """
 
     def answer(self, id: int) -> Literal["queue", "silent", "dead"]:
-        """What SN ``id`` is known to do when it is served in this slot: ``queue`` if it sends, ``silent``, or ``dead``."""
+        """What SN ``id`` is known to do when it is served in this slot: ``queue`` if it sends, ``silent``, or ``dead``.
+        """
 
     def route_to(self, goal: ArrayLike | int) -> Route | None:
         """The route from the UAV to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there
