@@ -13,10 +13,10 @@ from skysink.environment import DataCollectionEnv
 
 VIEW = {
     "slot", "uav", "queues_bits", "sampling_bps", "belief", "field", "energy_j", "is_charging", "energy_left_home_j",
-    "slots_left_home", "neighbours", "values", "reachable", "links",
+    "slots_left_home", "neighbours", "values", "reachable", "servable", "answers", "links",
 }  # fmt: skip
 
-VIEW_METHODS = {"route_to"}
+VIEW_METHODS = {"answer", "route_to"}
 
 BELIEF = {"queue_bits", "queue_sd_bits", "rate_bps", "rate_sd_bps", "age_slots"}
 
