@@ -4,7 +4,7 @@
 //! links, sight, arrivals, and queues and rates that are estimated. The best is followed until the next comparison. A
 //! candidate leaves a comparison as soon as the paired differences say that it loses more than another, and the present
 //! one is kept unless they say so of it. How often they are compared follows from a mean number of simulated slots in a
-//! slot.
+//! slot. A strategy that is not followed keeps no state: in the next comparison it begins anew.
 
 use std::time::{Duration, Instant};
 
@@ -271,9 +271,7 @@ impl Strategy for BestOf {
     }
 
     fn observe(&mut self, slot: u64, flights: &[FlightReport], belief: &Belief) {
-        for candidate in &mut self.candidates {
-            candidate.strategy.observe(slot, flights, belief);
-        }
+        self.candidates[self.state.followed].strategy.observe(slot, flights, belief); // the others begin anew
     }
 
     fn path(&self) -> &[Point3<f64>] {
