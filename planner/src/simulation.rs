@@ -3,13 +3,16 @@
 //! What is not known is drawn: links, sight, arrivals, and where they are estimated queues and rates. The same number
 //! of a draw gives the same draws to all planners. The slot itself is that of the mission, [`Field`] and [`Fleet`].
 
+use std::ops::RangeInclusive;
+
+use nalgebra::Point3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use skysink_common::arrivals::Arrivals;
 use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::random::{Purpose, Streams, fraction};
-use skysink_common::scenario::Coordination;
+use skysink_common::scenario::{Area, Coordination};
 use skysink_common::sensors::Sensors;
 use skysink_common::told::Received;
 use skysink_field_sim::Field;
@@ -22,6 +25,9 @@ use crate::strategy::{Decision, Setup, View};
 /// What all simulations of a mission have in common.
 #[derive(Debug)]
 pub struct Simulator {
+    area: Area,
+    /// The lowest and the highest altitude [m].
+    altitudes_m: RangeInclusive<f64>,
     fleet: Fleet,
     streams: Streams,
 }
@@ -32,6 +38,8 @@ pub struct Drawn {
     fleet: Fleet,
     field: Field,
     slots: u64,
+    /// The UAV before the first slot.
+    begin: FlightReport,
 }
 
 impl Simulator {
@@ -44,15 +52,40 @@ impl Simulator {
         let shares = setup.team.is_some() || scenario.uav.coordination == Some(Coordination::Independent);
         let is_alone = !shares && scenario.uav.uavs() == 1 && scenario.uav.separation_m.is_none();
         let is_plain = !table.sensors.may_refuse && table.sensors.sampling.lasting_slots().is_infinite();
-        (is_alone && is_plain).then(|| {
+        let are_finite =
+            table.sensors.positions.iter().all(|position| position.iter().all(|metres| metres.is_finite()))
+                && table.sensors.gains.iter().all(|gain| gain.is_finite());
+        let altitude_m = scenario.uav.altitude_m;
+        let altitudes_m =
+            scenario.uav.climb().map_or(altitude_m..=altitude_m, |climb| climb.min_altitude_m..=climb.max_altitude_m);
+        (is_alone && is_plain && are_finite).then(|| {
             // Links reach farther than waypoints with a margin.
             let mut flown = scenario.clone();
             flown.link.comm_radius_m += scenario.uav.waypoint_margin_m.unwrap_or(0.0);
             Self {
+                area: scenario.area.clone(),
+                altitudes_m,
                 fleet: Fleet::new(&flown, &nodes_of(&table.sensors, scenario.slot_s)),
                 streams: Streams::new(scenario.seed),
             }
         })
+    }
+
+    /// Whether a mission may go on from what `view` sees: a planner may be told anything.
+    #[must_use]
+    pub fn is_possible(&self, view: &View<'_>) -> bool {
+        view.position.iter().all(|metres| metres.is_finite()) && view.battery.energy_j >= 0.0
+    }
+
+    /// The UAV as `view` sees it, within the area and the altitudes, from which errors may have led it.
+    fn flight_at(&self, view: &View<'_>) -> FlightReport {
+        let mode = if view.battery.is_charging { Mode::Charge } else { Mode::Hold };
+        let position = Point3::new(
+            view.position.x.clamp(0.0, self.area.width_m()),
+            view.position.y.clamp(0.0, self.area.height_m()),
+            view.position.z.clamp(*self.altitudes_m.start(), *self.altitudes_m.end()),
+        );
+        FlightReport { energy_j: view.battery.energy_j, ..FlightReport::at(position, mode) }
     }
 
     /// The draw number `draw` of what may follow `view` in the next `slots` slots.
@@ -65,8 +98,9 @@ impl Simulator {
         let arrivals = Arrivals::of(view.table.arrivals, None, Streams::new(seed), sensors.count(), slots);
         let sampling = sensors.sampling.with_means(means_bits).with_arrivals(arrivals);
         let mut fleet = self.fleet.redrawn(&view.table.channel, seed); // the link as plans take it
-        fleet.restore(&[flight_at(view)]);
-        Drawn { fleet, field: Field::over(Ledger::new(sampling, queues_bits), slots), slots }
+        let begin = self.flight_at(view);
+        fleet.restore(&[begin]);
+        Drawn { fleet, field: Field::over(Ledger::new(sampling, queues_bits), slots), slots, begin }
     }
 }
 
@@ -75,9 +109,9 @@ impl Drawn {
     #[must_use]
     pub fn fly(mut self, view: &View<'_>, planner: &mut Planner, first: Option<&Decision>) -> f64 {
         planner.begin_at(view);
-        let mut flights = [flight_at(view)];
+        let mut flights = [self.begin];
         for number in 1..=self.slots {
-            let slot = view.slot + (number - 1);
+            let slot = view.slot.saturating_add(number - 1);
             let position = flights[0].position();
             let plan = planner.plan_by(slot, position, self.field.told(), Duty::Mission, None, |strategy, view| {
                 if number == 1 { first.cloned() } else { strategy.plan(view) }
@@ -91,12 +125,6 @@ impl Drawn {
         }
         view.table.sensors.weights.sum(self.field.lost_bits().map(|bits| bits as f64))
     }
-}
-
-/// The UAV as `view` sees it.
-fn flight_at(view: &View<'_>) -> FlightReport {
-    let mode = if view.battery.is_charging { Mode::Charge } else { Mode::Hold };
-    FlightReport { energy_j: view.battery.energy_j, ..FlightReport::at(view.position, mode) }
 }
 
 /// What the sensor node `id` samples in the mean of a slot, and its queue, as they may be [bit].

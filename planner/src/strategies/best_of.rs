@@ -185,7 +185,7 @@ impl BestOf {
         self.state.followed = self.chosen(&left);
         let left_slots = (self.slots + 1).saturating_sub(view.slot);
         let wait_slots = simulated.div_ceil(u64::from(self.keys.simulated_slots));
-        self.state.next = view.slot + wait_slots.min(left_slots.div_ceil(NEXT_PART)).max(1);
+        self.state.next = view.slot.saturating_add(wait_slots.min(left_slots.div_ceil(NEXT_PART)).max(1));
         self.forget_others();
         first[self.state.followed].clone()
     }
@@ -221,8 +221,10 @@ impl BestOf {
 
     /// The one of least mean loss, the followed one among equals.
     fn best(&self, left: &[usize]) -> usize {
-        let key = |index: &usize| (mean(&self.candidates[*index].lost_bits), *index != self.state.followed);
-        let by_loss = |a: &&usize, b: &&usize| key(a).partial_cmp(&key(b)).expect("losses are numbers");
+        let lost_bits = |index: &usize| mean(&self.candidates[*index].lost_bits);
+        let is_other = |index: &usize| *index != self.state.followed;
+        let by_loss =
+            |a: &&usize, b: &&usize| lost_bits(a).total_cmp(&lost_bits(b)).then(is_other(a).cmp(&is_other(b)));
         left.iter().min_by(by_loss).copied().unwrap_or(self.state.followed)
     }
 
@@ -264,7 +266,7 @@ fn is_worse(losses: &[f64], others: &[f64]) -> bool {
 
 impl Strategy for BestOf {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        if view.slot >= self.state.next {
+        if view.slot >= self.state.next && self.simulator.is_possible(view) {
             return self.compare(view);
         }
         self.candidates[self.state.followed].strategy.plan(view)
