@@ -58,6 +58,10 @@ const NODE_ENERGY: &str = "sensors.energy.capacity_j = 2.0\nsensors.energy.sleep
                            sensors.energy.sample_j_per_bit = 8e-5\nsensors.energy.wake = 'scheduled'\n\
                            sensors.energy.listen_w = 0.05\nsensors.energy.tx_w = 50.0\n";
 
+/// Links so narrow that SNs use up their duty cycle, and that the setup of a contact counts.
+const DUTY_CYCLE: &str = "link.bandwidth_hz = 2e3\nlink.duty_cycle = 1e-4\nlink.duty_window_s = 40.0\nlink.setup_s = 0.02\n\
+                          link.sharing = 'equal'\n";
+
 /// Several UAVs that keep apart.
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
@@ -101,7 +105,7 @@ const MODELS: [Model; 19] = [
         "",
     ),
     ("node energy, expiry", &[NODE_ENERGY, "sensors.expiry_s = 25.0\n"], ""),
-    ("duty cycle, time of contacts", &["link.duty_cycle = 0.002\nlink.setup_s = 0.02\nlink.sharing = 'equal'\n"], ""),
+    ("duty cycle, time of contacts", &[DUTY_CYCLE], ""),
     (
         "links by place",
         &[
