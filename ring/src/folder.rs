@@ -42,7 +42,7 @@ impl RingFolder {
         let home = prepare_home()?;
         loop {
             let mission = rand::rng().random();
-            if let Some(folder) = Self::create_in(&home, Terms { mission, ..terms })? {
+            if let Some(folder) = Self::create_in(&home, Terms { mission, ..terms.clone() })? {
                 return Ok(folder);
             }
         }
@@ -91,7 +91,7 @@ impl RingFolder {
 
     /// The terms of the run.
     pub fn terms(&self) -> Terms {
-        self.terms
+        self.terms.clone()
     }
 
     /// The iceoryx2 configuration of the run.

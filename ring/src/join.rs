@@ -47,7 +47,7 @@ impl<S: Service + 'static> Ring<S> {
             restricted.map_err(|error| RingError::topic("ring", "restrict its process counter", &error))?;
         }
         let member = Participant {
-            terms,
+            terms: terms.clone(),
             role: Some(role),
             uavs: Some(scenario.uav.uavs()),
             max_ahead: role.blocks_ring().then_some(MAX_AHEAD),

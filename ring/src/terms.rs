@@ -7,12 +7,11 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::Scenario;
 
 use crate::wait::Waiting;
 
 /// The parameters of a run that are common to its processes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Terms {
     /// Id of the run; every sample carries it.
@@ -28,11 +27,9 @@ pub struct Terms {
     pub viewer: bool,
     /// What the UAV knows of the sampling rates, if the run has the topic `belief`, for an external planner.
     pub belief: Option<Rates>,
-    /// Within what distance UAVs hear sensor nodes [m], if the run has the topic `links`.
-    pub beacon_radius_m: Option<f64>,
-    /// Whether sensor nodes may be dead or silent: the run has the topic `answers`.
+    /// The topics that the scenario asks for, besides those of every run.
     #[serde(default)] // of an earlier protocol, which the link refuses
-    pub may_refuse: bool,
+    pub topics: Vec<String>,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,
 }
@@ -58,37 +55,16 @@ impl Default for Terms {
             timeout_s: 3600.0,
             viewer: false,
             belief: None,
-            beacon_radius_m: None,
-            may_refuse: false,
+            topics: Vec::new(),
             link: None,
         }
     }
 }
 
 impl Terms {
-    /// The default, with the topics that the run of a scenario has.
-    #[must_use]
-    pub fn of(scenario: &Scenario) -> Self {
-        Self {
-            beacon_radius_m: scenario.link.beacon_radius_m,
-            may_refuse: scenario.node_traits().may_refuse,
-            ..Self::default()
-        }
-    }
-
     /// Whether the run has the topic `belief`.
     pub fn has_belief(&self) -> bool {
         self.belief.is_some()
-    }
-
-    /// Whether the run has the topic `links`.
-    pub fn has_beacons(&self) -> bool {
-        self.beacon_radius_m.is_some()
-    }
-
-    /// Whether the run has the topic `answers`.
-    pub fn may_refuse(&self) -> bool {
-        self.may_refuse
     }
 
     /// Whether the run has the topic `rates`.

@@ -13,6 +13,7 @@ use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use skysink_common::pace::Pace;
+use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
 use crate::cleanup::remove_dead_nodes;
@@ -76,11 +77,31 @@ pub(crate) struct TopicRow {
     pub(crate) is_heartbeat: bool,
     /// Whether a link carries it to other hosts.
     pub(crate) is_linked: bool,
-    /// Whether a run with these terms has the topic.
-    pub(crate) exists: fn(&Terms) -> bool,
+    /// Which runs have it.
+    pub(crate) exists: Existence,
+}
+
+/// Which runs have a topic.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Existence {
+    /// All.
+    Always,
+    /// Those with such terms.
+    WithTerms(fn(&Terms) -> bool),
+    /// Those of such scenarios; their terms list it (`topics`).
+    WithScenario(fn(&Scenario) -> bool),
 }
 
 impl TopicRow {
+    /// Whether a run with these terms has the topic.
+    pub(crate) fn exists(&self, terms: &Terms) -> bool {
+        match self.exists {
+            Existence::Always => true,
+            Existence::WithTerms(exists) => exists(terms),
+            Existence::WithScenario(_) => terms.topics.iter().any(|name| name == self.name),
+        }
+    }
+
     /// The name of the topic's services.
     pub(crate) fn service(&self) -> String {
         format!("skysink/{}", self.name)

@@ -12,6 +12,7 @@ use skysink_common::message::{
     Commit, FLAG_END, FlightReport, HeardLink, NodeAnswer, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
     SlotHeader, Tick,
 };
+use skysink_common::scenario::Scenario;
 
 use crate::cleanup::{is_only_node, purge_dead_nodes};
 use crate::error::{NodeError, RingError};
@@ -22,7 +23,7 @@ use crate::role::Role;
 use crate::sample::{Header, Payload};
 use crate::survey::{AnyTopic, TopicState, newest_tick, observe_all};
 use crate::terms::Terms;
-use crate::topic::{OnFullBuffer, Opening, Participant, SamplesPerSlot, Topic, TopicRow};
+use crate::topic::{Existence, OnFullBuffer, Opening, Participant, SamplesPerSlot, Topic, TopicRow};
 use crate::wait::{PAUSE, WaitContext};
 
 /// Version of the messages and their semantics; processes of different versions refuse each other.
@@ -71,7 +72,7 @@ macro_rules! topics {
                 let mut rows = ROWS.iter();
                 Ok(Self {
                     $($name: RingTopic::open(&opening, rows.next().expect("a row for each field"))?,)*
-                    terms: member.terms,
+                    terms: member.terms.clone(),
                     refusals: member.refusals.clone(),
                     restarts: member.role_lock.as_ref().map_or(0, |lock| lock.restarts),
                     node,
@@ -99,7 +100,7 @@ const DEFAULT_ROW: TopicRow = TopicRow {
     samples: SamplesPerSlot::One,
     is_heartbeat: false,
     is_linked: true,
-    exists: |_| true,
+    exists: Existence::Always,
 };
 
 use Role::{FieldSim, FlightSim, Launcher, Planner, Viewer};
@@ -117,7 +118,7 @@ topics! {
     rates: OptionalTopic<[f64], SlotHeader> {
         writer: FieldSim,
         readers: &[Planner],
-        exists: Terms::has_learnt_rates,
+        exists: Existence::WithTerms(Terms::has_learnt_rates),
     }
 
     /// The UAV's belief of the queues after each slot [bit], for an external planner; without totals. Sent before
@@ -125,7 +126,7 @@ topics! {
     belief: OptionalTopic<[u32], QueuesHeader> {
         writer: FieldSim,
         readers: &[Planner],
-        exists: Terms::has_belief,
+        exists: Existence::WithTerms(Terms::has_belief),
     }
 
     /// What each sensor node does in the next slot, where some may be dead or silent (decision D33). Sent before
@@ -133,7 +134,7 @@ topics! {
     answers: OptionalTopic<[NodeAnswer], SlotHeader> {
         writer: FieldSim,
         readers: &[Planner, Viewer],
-        exists: Terms::may_refuse,
+        exists: Existence::WithScenario(|scenario| scenario.node_traits().may_refuse),
     }
 
     /// The queue of each sensor node after each slot [bit], 0 of a dead one; ledger totals in the header.
@@ -173,7 +174,7 @@ topics! {
         writer: FlightSim,
         readers: &[Planner, Viewer],
         history: FLIGHT_HISTORY,
-        exists: Terms::has_beacons,
+        exists: Existence::WithScenario(|scenario| scenario.link.beacon_radius_m.is_some()),
     }
 
     /// The position of each UAV after each slot, and the capacities of its links.
@@ -236,11 +237,21 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> RingTopic<S> for Topi
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> RingTopic<S> for OptionalTopic<S, P, H> {
     fn open(opening: &Opening<'_, S>, row: &'static TopicRow) -> Result<Self, RingError> {
-        (row.exists)(&opening.member.terms).then(|| Topic::open(opening, row)).transpose()
+        row.exists(&opening.member.terms).then(|| Topic::open(opening, row)).transpose()
     }
 
     fn existing(&self) -> Option<&dyn AnyTopic<S>> {
         self.as_ref().map(|topic| topic as _)
+    }
+}
+
+impl Terms {
+    /// The default, with the topics that the run of a scenario has.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        let is_asked = |row: &&TopicRow| matches!(row.exists, Existence::WithScenario(asks) if asks(scenario));
+        let topics = ROWS.iter().filter(is_asked).map(|row| row.name.to_owned());
+        Self { topics: topics.collect(), ..Self::default() }
     }
 }
 
@@ -253,7 +264,7 @@ pub fn services(terms: &Terms) -> Vec<String> {
 
 /// The topics of a run with these terms.
 fn rows(terms: &Terms) -> impl Iterator<Item = &'static TopicRow> {
-    ROWS.iter().filter(|row| (row.exists)(terms))
+    ROWS.iter().filter(|row| row.exists(terms))
 }
 
 /// The names of the services that a link carries to and from one host of a ring.
@@ -417,11 +428,11 @@ mod tests {
         assert!(!services(&Terms::default()).contains(&"skysink/belief".to_owned()));
         let has_rates = |belief| services(&Terms { belief, ..Terms::default() }).contains(&"skysink/rates".to_owned());
         assert!(has_rates(Some(Rates::Learnt)) && !has_rates(Some(Rates::Known)) && !has_rates(None));
-        let hearing = Terms { beacon_radius_m: Some(30.0), ..Terms::default() };
+        let hearing = Terms { topics: vec!["links".to_owned()], ..Terms::default() };
         let has_links = |role| LinkedServices::of(&hearing, &[role]).all.contains(&"skysink/links".to_owned());
         assert!(has_links(FlightSim) && has_links(Planner) && !has_links(FieldSim));
         assert!(!services(&Terms::default()).contains(&"skysink/links".to_owned()));
-        let refusing = Terms { may_refuse: true, ..Terms::default() };
+        let refusing = Terms { topics: vec!["answers".to_owned()], ..Terms::default() };
         let has_answers = |role| LinkedServices::of(&refusing, &[role]).all.contains(&"skysink/answers".to_owned());
         assert!(has_answers(FieldSim) && has_answers(Planner) && !has_answers(FlightSim));
         assert!(!services(&Terms::default()).contains(&"skysink/answers".to_owned()));
